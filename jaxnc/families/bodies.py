@@ -12,7 +12,7 @@ between its ends. Joints that a tree has no variables for (planar, constant-velo
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -197,6 +197,10 @@ class Parts:
                 return k
         return None
 
+    def both_hold(self, first: int, second: int) -> tuple[int, ...]:
+        """Unit vectors that two parts share."""
+        return tuple(v for v in self.parts[first].vectors if v in self.parts[second].vectors)
+
     def joint(self, owner: Owner) -> record.Joint | None:
         """The record of a joint; None for what is no joint of the description."""
         return tuple(self.model.joints.values())[owner.number] if owner.thing is Thing.JOINT else None
@@ -274,8 +278,8 @@ def closures(joined: Joined) -> list[tuple[int, int, int]]:
 class Edge:
     """A joint between two parts."""
 
-    # "revolute", "prismatic", "free"; in the plane "slot", "held" (a slot along an axis of the ground); in space
-    # "cylindrical", "universal", "spherical".
+    # "revolute", "prismatic", "slot", "free"; in the plane "held" (a slot along an axis of the ground); in space
+    # "cylindrical", "universal", "spherical", "planar".
     how: str
     first: int  # the part that carries the line, or either of them
     second: int  # the other
@@ -310,6 +314,12 @@ class SpatialEdge(Edge):
     axes: tuple[Line, Line] = (((), ()), ((), ()))
     shared: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())  # points and vectors that it joins
     drops: bool = False  # whether the rows of its name are met by its variables
+    kept: tuple[Line, ...] = ()  # directions that are the same on both: with none anything turns, with two nothing
+
+    @property
+    def in_tree(self) -> bool:
+        """Whether relative coordinates have variables for it."""
+        return self.how not in ("slot", "planar")
 
 
 class _Joint(Protocol):
@@ -415,13 +425,13 @@ def spatial_edges(parts: Parts) -> list[SpatialEdge]:
     described = [
         edge
         for name, joint in parts.model.joints.items()
-        if (edge := _describe_edge(parts, parts.a.owning(Thing.JOINT, name), joint)) is not None
+        for edge in _describe_edges(parts, parts.a.owning(Thing.JOINT, name), joint)
     ]
     whole = [k for k, p in enumerate(parts.parts) if p.turns != "no"]
     for i, j in combinations(whole, 2):
         a, b = parts.parts[i], parts.parts[j]
         points = tuple(p for p in a.points if p in b.points)
-        vectors = tuple(v for v in a.vectors if v in b.vectors)
+        vectors = parts.both_hold(i, j)
         if not points or any({e.first, e.second} == {i, j} and e.how == "universal" for e in described):
             continue
         pin = points[0]
@@ -431,7 +441,7 @@ def spatial_edges(parts: Parts) -> list[SpatialEdge]:
             found.append(edge(how="revolute", axes=(axis, axis), shared=(points, vectors)))
         else:
             found.append(edge(how="spherical", shared=(points, ())))
-    found += described
+    found = [_narrow(parts, edge) for edge in (*found, *described)]
     for edge in found:
         if edge.how in ("revolute", "cylindrical") and not edge.angle:
             _name_angle(parts, edge, edge.axes[0])
@@ -440,9 +450,53 @@ def spatial_edges(parts: Parts) -> list[SpatialEdge]:
     return found
 
 
-def _describe_edge(parts: Parts, owner: Owner, joint: record.Joint) -> SpatialEdge | None:
-    """A joint of the description as an edge; None for one that a tree has no variables for."""
+def _narrow(parts: Parts, edge: SpatialEdge) -> SpatialEdge:
+    """A joint as the unit vectors that both parts hold leave it: along a line without a turn it is prismatic."""
+    if edge.how == "universal":
+        return edge
+    vectors, how, axes = parts.both_hold(edge.first, edge.second), edge.how, edge.axes
+    kept = [axes[0]] * {"spherical": 0, "slot": 0, "prismatic": 2}.get(how, 1)
+    for line in (((), (v,)) for v in vectors):
+        if len(kept) < 2 and not any(parts.parallel(line, known) for known in kept):
+            kept.append(line)
+    mine = next((((), (v,)) for v in vectors if any(axes[0]) and parts.parallel(((), (v,)), axes[0])), axes[1])
+    if how in ("slot", "cylindrical") and len(kept) == 2:
+        how, axes = "prismatic", (axes[0], mine)
+    elif how == "slot" and kept and parts.parallel(kept[0], axes[0]):
+        how, axes = "cylindrical", (axes[0], mine)
+    elif how == "spherical" and kept:
+        how, axes = "revolute", (kept[0], kept[0])
+    if how == "revolute":
+        vectors = tuple(v for v in vectors if parts.parallel(((), (v,)), axes[0]))
+    return replace(edge, how=how, axes=axes, kept=tuple(kept), shared=(edge.shared[0], vectors))
+
+
+def _describe_edges(parts: Parts, owner: Owner, joint: record.Joint) -> list[SpatialEdge]:
+    """A joint of the description as edges: of a pin in a slot one to every part that holds the pin."""
     edge = functools.partial(SpatialEdge, owner=owner, drops=True)
+    if isinstance(joint, record.Slot):
+        axis, pin = parts.line(joint.line), parts.a.index[joint.point]
+        i = _hold_line(parts, parts.a.index[joint.line[0]], axis)
+        return [
+            edge(how="slot", first=i, second=j, at=(pin, pin), axes=(axis, axis))
+            for j in parts.of_point[pin]
+            if i is not None and j != i and parts.parts[j].turns != "no"
+        ]
+    found = _describe_edge(parts, edge, joint)
+    return [] if found is None else [found]
+
+
+def _describe_edge(parts: Parts, edge: Callable[..., SpatialEdge], joint: record.Joint) -> SpatialEdge | None:
+    """A joint of the description between two parts; None for one that joins no two."""
+    if isinstance(joint, record.Planar):
+        other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
+        at, axes = (
+            (parts.a.index[joint.plane[0]], parts.a.index[other[0]]),
+            tuple(map(parts.line, (joint.plane, other))),
+        )
+        i = _hold_line(parts, at[0], axes[0])
+        j = _hold_line(parts, at[1], axes[1], None, i)
+        return None if i is None or j is None else edge(how="planar", first=i, second=j, at=at, axes=axes)
     if isinstance(joint, record.Prismatic | record.Cylindrical | record.Screw):
         axis, start = parts.line(joint.line), parts.a.index[joint.line[0]]
         if isinstance(joint.on, str):

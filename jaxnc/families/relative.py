@@ -353,7 +353,8 @@ class SpatialRelative(Planner):
             at = (parts[k].points or (0,))[0]
             return SpatialEdge(how="free", first=0, second=k, at=(at, at), owner=parts[k].owner)
 
-        found = sorted(spatial_edges(self.parts), key=lambda e: (not (e.angle or e.distance), e.freedoms))
+        known = (e for e in spatial_edges(self.parts) if e.in_tree)
+        found = sorted(known, key=lambda e: (not (e.angle or e.distance), e.freedoms))
         usable = [
             e for e in found if e.how == "spherical" or "bar" not in (parts[e.first].turns, parts[e.second].turns)
         ]

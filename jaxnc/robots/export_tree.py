@@ -1,8 +1,8 @@
 """A mechanism as a tree of links: its joints, what closes loops, what links weigh; joint values of poses."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -11,9 +11,11 @@ from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.model import body_inertia
 from jaxnc.families.bodies import (
     Joined,
+    Line,
     Part,
     Parts,
     apart,
+    closures,
     join,
     planar_edges,
     root,
@@ -37,7 +39,7 @@ from jaxnc.robots.import_tree import (
     perpendicular,
     rotate_about,
 )
-from jaxnc.solvers.assembly import derive, evaluate
+from jaxnc.solvers.assembly import derive, rank_of, to_host
 from jaxnc.system.frames import marker_along, quaternions
 from jaxnc.system.identity import Thing
 from jaxnc.system.system import System
@@ -180,66 +182,52 @@ def _hinge_values(joints: list[ElementaryJoint], relative: np.ndarray) -> list[l
 
 
 Z = np.array([0.0, 0.0, 1.0])
-_FREEDOMS = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "universal": 2, "spherical": 3, "rolling": 2}
 
 
 @dataclass
 class TreeEdge:
-    """A joint between two parts, all directions as in the home pose."""
+    """A joint between two parts: a point of the second slides in directions of the first and the second turns about it.
+
+    All directions are those of the home pose.
+    """
 
     name: str  # what it is called after: a joint, or the point that is shared
-    # "revolute", "spherical", "prismatic", "cylindrical", "universal", "slot" (a point of the second slides along
-    # `axes` of the first), "planar", "rolling", "free" (the second hangs on nothing).
-    how: str
     first: int  # a part; the one that carries the line, the plane, or the ground
     second: int  # the other part
     at: tuple[int, int]  # the joint's point on each of them
-    # Its axis; both arms of a universal joint; all directions in which a point may slide.
-    axes: list[Vec] = field(default_factory=list)
+    slides: Sequence[Vec] = ()  # directions in which it slides
+    hinges: Sequence[Vec] | None = ()  # axes about which the second turns, one after the other; None for a ball
     points: tuple[int, ...] = ()  # points that it makes one, of those that both parts hold
     vectors: tuple[int, ...] = ()  # vectors that it makes one
     holder: int = -1  # the point whose fixed coordinates it is, or -1
     # Whether it is a joint of the description, which is written once for all parts that hold its point.
     user: bool = False
     wanted: bool = False  # whether a coordinate of the user is its own
-    turns: bool = True  # whether both parts know a rotation, so that the second may turn
 
-    def freedoms(self, dim: int) -> int:
+    @property
+    def freedoms(self) -> int:
         """Count the relative freedoms."""
-        turning = (1 if dim == 2 else 3) * self.turns
-        if self.how == "slot":
-            return len(self.axes) + turning
-        if self.how == "planar":
-            return 3
-        return _FREEDOMS[self.how]
+        return len(self.slides) + (3 if self.hinges is None else len(self.hinges))
 
-    def sequence(self, parent: int, dim: int) -> tuple[int, list[tuple[str, Vec]]]:
+    @property
+    def _alike(self) -> bool:
+        """Tell whether the second slides in the same directions when it has turned."""
+        if len(self.slides) in (0, 3) or self.freedoms == len(self.slides):
+            return True
+        along = [abs(float(s @ h)) for s in self.slides for h in self.hinges or np.eye(3)]
+        return all(x >= 1.0 - PARALLEL if len(self.slides) == 1 else x <= PARALLEL for x in along)
+
+    def sequence(self, parent: int) -> tuple[int, list[tuple[str, Vec]]]:
         """Return the child's point of the joint, and its elementary joints (kind, axis) seen from a parent."""
         forward = parent == self.first
-        at = self.at[1] if forward else self.at[0]
-        slides = [("slide", a) for a in self.axes]
-        match self.how:
-            case "revolute":
-                return at, [("hinge", self.axes[0])]
-            case "spherical":
-                return at, [("ball", Z)]
-            case "prismatic":
-                return at, slides
-            case "cylindrical" | "rolling":
-                return at, [("slide", self.axes[0]), ("hinge", self.axes[-1])]
-            case "universal":
-                return at, [("hinge", a) for a in (self.axes if forward else self.axes[::-1])]
-            case "free":
-                if self.turns and dim == 3:
-                    return at, [("free", Z)]
-                return at, [*(("slide", axis) for axis in np.eye(3)[:dim]), *([("hinge", Z)] if self.turns else [])]
-            case "planar":
-                normal = self.axes[0]
-                one = perpendicular(normal)
-                return at, [("slide", one), ("slide", np.cross(normal, one)), ("hinge", normal)]
-        turning = [] if not self.turns else [("hinge", Z)] if dim == 2 else [("ball", Z)]
-        # The pin turns where it has slid to; a line turns about the pin of its parent, and slides along itself.
-        return self.at[1], [*slides, *turning] if forward else [*turning, *slides]
+        slides = [("slide", axis) for axis in self.slides]
+        turning = [("ball", Z)] if self.hinges is None else [("hinge", axis) for axis in self.hinges]
+        if self.hinges is None and len(slides) == 3:
+            return self.at[1], [("free", Z)]
+        if forward:
+            return self.at[1], slides + turning
+        # A line turns about the pin of its parent, and slides along itself.
+        return (self.at[0], slides + turning[::-1]) if self._alike else (self.at[1], turning[::-1] + slides)
 
 
 def find_edges(parts: Parts, home: TreePose) -> tuple[list[TreeEdge], dict[str, str]]:
@@ -270,58 +258,85 @@ def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
             continue
         pin = e.how == "revolute"
         at = (e.line[0], e.on[0]) if e.how == "prismatic" else (e.point, e.point)
-        axes, shared = ([Z], (e.point,)) if pin else ([home.span(e.line)], ())
-        found.append(TreeEdge(parts.a.text(e.owner), e.how, e.first, e.second, at, axes, shared, user=not pin,
-                          wanted=bool(e.angle or e.distance), turns=e.turns))  # fmt: skip
+        slides, points = ([], (e.point,)) if pin else ([home.span(e.line)], ())
+        hinges = () if e.how == "prismatic" else _turning(parts, e.second)
+        found.append(TreeEdge(parts.a.text(e.owner), e.first, e.second, at, slides, hinges, points, user=not pin,
+                          wanted=bool(e.angle or e.distance)))  # fmt: skip
     for name, joint in parts.model.joints.items():
         if isinstance(joint, record.Revolute) and joint.points:
             p, q = parts.a.pair(joint.points)
             apart = ((i, j) for i in parts.of_point[p] for j in parts.of_point[q] if i != j)
             if pair := next(apart, None):
-                found.append(TreeEdge(name, "revolute", *pair, (p, q), [Z], user=True))
+                found.append(TreeEdge(name, *pair, (p, q), hinges=[Z], user=True))
     return found
+
+
+def _turning(parts: Parts, *ks: int) -> Sequence[Vec] | None:
+    """Return the axes about which a part turns that hangs on a point, if all of some parts know a rotation."""
+    return () if not can_turn(parts, *ks) else [Z] if parts.dim == 2 else None
 
 
 def _edge_of_fixed_point(parts: Parts, k: int, p: int) -> TreeEdge:
     """Make the edge of a point that slides with fixed coordinates."""
     axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
-    return TreeEdge(parts.point(p), "slot", 0, k, (p, p), axes, holder=p, turns=can_turn(parts, k))
+    return TreeEdge(parts.point(p), 0, k, (p, p), axes, _turning(parts, k), holder=p)
 
 
 def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     found = []
     for e in spatial_edges(parts):
         name, user = parts.a.text(e.owner), e.owner.thing is Thing.JOINT
-        axes = [home.along(axis) for axis in e.axes[: {"spherical": 0, "universal": 2}.get(e.how, 1)]]
-        points, vectors = e.shared
-        if e.how == "prismatic":  # nothing turns: all that both hold keeps its direction
-            one, other = parts.parts[e.first], parts.parts[e.second]
-            vectors = tuple(v for v in one.vectors if v in other.vectors)
-        found.append(TreeEdge(name, e.how, e.first, e.second, e.at, axes, points, vectors, user=user,
+        if e.how == "universal":
+            slides, hinges, vectors = [], list(map(home.along, e.axes)), ()
+        else:
+            along = [] if e.how in ("revolute", "spherical") else [home.along(e.axes[0])]
+            slides = _across(along[0]) if e.how == "planar" else along
+            hinges, vectors = _hinges_of(home, e.kept), parts.both_hold(e.first, e.second)
+        found.append(TreeEdge(name, e.first, e.second, e.at, slides, hinges, e.shared[0], vectors, user=user,
                           wanted=bool(e.angle or e.distance)))  # fmt: skip
     for p, holders in parts.of_point.items():
         fixed = parts.a.fixed[p]
         if fixed.any() and not fixed.all():
             found += [_edge_of_fixed_point(parts, k, p) for k in holders if k]
         loose = [k for k in holders if not can_turn(parts, k)]
-        found += [TreeEdge(parts.point(p), "spherical", i, j, (p, p), [], (p,)) for i, j in combinations(holders, 2)
+        found += [TreeEdge(parts.point(p), i, j, (p, p), hinges=None, points=(p,)) for i, j in combinations(holders, 2)
                   if loose and not (i in loose and j in loose)]  # fmt: skip
     for name, joint in parts.model.joints.items():
         if isinstance(joint, record.Slot):
             pin = parts.a.index[joint.point]
             i, axis = _find_carrier(parts, home, joint.line)
-            for j in parts.of_point[pin]:
-                if i is not None and j != i:
-                    found.append(TreeEdge(name, "slot", i, j, (pin, pin), [axis], user=True, turns=can_turn(parts, j)))
-        elif isinstance(joint, record.Planar):
-            i, normal = _find_carrier(parts, home, joint.plane)
-            other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
-            j, _ = _find_carrier(parts, home, other)
-            if i is not None and j is not None and i != j:
-                shared = (parts.a.vector_index[joint.plane[1]],) if joint.plane[1] == other[1] else ()
-                at = parts.a.index[joint.plane[0]], parts.a.index[other[0]]
-                found.append(TreeEdge(name, "planar", i, j, at, [normal], (), shared, user=True))
+            loose = (j for j in parts.of_point[pin] if j != i and not can_turn(parts, j))
+            found += [TreeEdge(name, i, j, (pin, pin), [axis], user=True) for j in loose if i is not None]
+    return found + _edges_of_vectors(parts, home, found)
+
+
+def _edges_of_vectors(parts: Parts, home: TreePose, others: list[TreeEdge]) -> list[TreeEdge]:
+    """Make the edges of parts that share vectors, where no other joint keeps them together."""
+    joined = apart({v: holders for v, holders in parts.of_vector.items() if len(holders) > 1})
+    for edge in others:
+        for v in edge.vectors:
+            join(joined[v], edge.first, edge.second)
+    pairs: dict[tuple[int, int], list[int]] = {}
+    for v, i, j in closures(joined):
+        pairs.setdefault((i, j), []).append(v)
+    found = []
+    for (i, j), vectors in pairs.items():
+        at = (parts.parts[i].points or parts.parts[j].points)[0], parts.parts[j].points[0]
+        kept = tuple(((), (v,)) for v in vectors)
+        other = next((k for k in kept[1:] if not parts.parallel(k, kept[0])), None)
+        hinges = _hinges_of(home, kept[:1] if other is None else (kept[0], other))
+        found.append(TreeEdge(parts.a.vector_names[vectors[0]], i, j, at, list(np.eye(3)), hinges, (), tuple(vectors)))
     return found
+
+
+def _hinges_of(home: TreePose, kept: tuple[Line, ...]) -> Sequence[Vec] | None:
+    """Return the axes of the turns that keep some directions: none of a ball, which keeps nothing."""
+    return [home.along(kept[0])] if len(kept) == 1 else () if kept else None
+
+
+def _across(normal: Vec) -> list[Vec]:
+    one = perpendicular(normal)
+    return [one, np.cross(normal, one)]
 
 
 def _find_carrier(parts: Parts, home: TreePose, line: tuple[str, str]) -> tuple[int | None, Vec]:
@@ -338,10 +353,10 @@ def _rolling_edges(parts: Parts, home: TreePose, name: str, joint: record.Rollin
         return []
     axis = Z if joint.axis is None else home.along(parts.line(joint.axis))
     centre, contact = parts.a.index[joint.centre], parts.a.index[joint.contact]
-    out = [TreeEdge(name, "rolling", i, j, (contact, centre), [along, axis], user=True)]
+    out = [TreeEdge(name, i, j, (contact, centre), [along], [axis], user=True)]
     for k in parts.of_point[contact]:
         if not can_turn(parts, k):
-            out.append(TreeEdge(f"{name} contact", "slot", i, k, (contact, contact), [along], user=True, turns=False))
+            out.append(TreeEdge(f"{name} contact", i, k, (contact, contact), [along], user=True))
     return out
 
 
@@ -426,8 +441,8 @@ def _sum_of_joints(tree: "ExportTree", name: str) -> dict[str, float] | None:
         if edge is None:
             return None
         if name == joint.angle:
-            return _sum_of_hinges(tree, [edge.first], [edge.second], edge.axes[-1])
-        return _sum_of_slides(tree, edge.first, edge.at[0 if isinstance(joint, record.Rolling) else 1], edge.axes[0])
+            return _sum_of_hinges(tree, [edge.first], [edge.second], (edge.hinges or [Z])[-1])
+        return _sum_of_slides(tree, edge.first, edge.at[0 if isinstance(joint, record.Rolling) else 1], edge.slides[0])
     return None
 
 
@@ -473,13 +488,9 @@ def _sum_of_slides(tree: "ExportTree", i: int, point: int, axis: Vec) -> dict[st
 def _add_ties(tree: "ExportTree") -> None:
     """Tie joints by rows in which only coordinates made of joints stand: gears, racks, screws, relations."""
     top, d = tree.system.topology, tree.description
-    _, jacobian = evaluate(derive(tree.system), tree.home.q)
-    rows = np.asarray(jacobian)
-    if not rows.size:
-        return
+    rows = tree.jacobian
     first = len(top.coordinates) - len(top.scalars)
-    for k, owners in enumerate(top.row_owners):
-        (owner, *_) = owners
+    for k, (owner, *_) in enumerate(top.row_owners):
         if owner.thing not in (Thing.JOINT, Thing.RELATION):
             continue
         columns = [int(c) for c in np.flatnonzero(rows[k]) if not top.fixed[c]]
@@ -501,6 +512,82 @@ def _add_ties(tree: "ExportTree") -> None:
             d.ties.append(Tie(tree.name_closure(name), terms))
 
 
+# -- freedoms ---------------------------------------------------------------------------------------------------------
+
+
+def note_lost(tree: "ExportTree") -> None:
+    """Name what the links do not keep of the mechanism: what hinders a motion that they have from the home pose."""
+    top, parts, dim = tree.system.topology, tree.parts, tree.parts.dim
+    twists, null = _motions(tree)
+    lost: list[tuple[Thing, str]] = []
+    rates, known = np.zeros((len(null), len(top.coordinates))), np.zeros(len(top.coordinates), bool)
+
+    def moving(k: int, what: int, vector: bool) -> np.ndarray:
+        x, twist = (tree.home.vectors if vector else tree.home.points)[what], twists[tree.link_of[k]]
+        return np.cross(twist[:, :3], x) + (0.0 if vector else twist[:, 3:])
+
+    for vector, holding in ((False, parts.of_point), (True, parts.of_vector)):
+        small = 1e-6 * (1.0 if vector else tree.size)
+        for item, holders in holding.items():
+            ways = [moving(k, item, vector)[:, :dim] for k in holders if k in tree.link_of]
+            if not ways:  # a vector of no body
+                continue
+            at = dim * (item + vector * len(top.points)) + np.arange(dim)
+            rates[:, at], known[at] = ways[0], True
+            noun, name = (Thing.VECTOR, top.vectors[item]) if vector else (Thing.POINT, top.points[item])
+            apart = any(np.abs(way - ways[0]).max(initial=0.0) > small for way in ways)
+            if apart or np.abs(rates[:, at[np.array(top.fixed)[at]]]).max(initial=0.0) > small:
+                lost.append((noun, name))
+    rows, free = tree.jacobian @ rates.T, tree.jacobian[:, ~known]
+    rows = rows - free @ np.linalg.lstsq(free, rows, rcond=None)[0]
+    scale = np.abs(tree.jacobian).sum(axis=1) * np.abs(rates).max(initial=0.0)
+    for k in np.flatnonzero(np.abs(rows).max(axis=1, initial=0.0) > 1e-6 * scale):
+        (owner, *_) = top.row_owners[k]
+        lost.append((owner.thing, top.called(owner)))
+    left = tree.description.left_out
+    for thing, name in dict.fromkeys(lost):
+        if not any(repr(name) in said for said in left):
+            left.append(f"{thing.noun} {name!r}: the file's joints do not keep it wholly, and move against it")
+
+
+def _motions(tree: "ExportTree") -> tuple[np.ndarray, np.ndarray]:
+    """Return the twists of all links ``(links, motions, 6)`` in the motions that loops leave, and these motions."""
+    column, ways, found = {}, [[]], []
+    for link in tree.links[1:]:
+        start = len(found)
+        for joint in link.joints:
+            column[joint.name] = len(found)
+            for axis in np.eye(3) if joint.kind in ("ball", "free") else [joint.axis]:
+                found += [[*axis, *np.cross(link.origin, axis)]] * (joint.kind != "slide")
+                found += [[0.0, 0.0, 0.0, *axis]] * (joint.kind in ("slide", "free"))
+        ways.append([*ways[link.parent], *range(start, len(found))])
+    screws, d = np.reshape(found, (-1, 6)), tree.description
+
+    def place(k: int, x: Vec) -> np.ndarray:
+        out = np.zeros((3, len(screws)))
+        out[:, ways[k]] = (screws[ways[k], 3:] + np.cross(screws[ways[k], :3], x)).T
+        return out
+
+    rows = [np.zeros((0, len(screws)))]
+    for loop in d.loops:
+        corners = [np.zeros(3), *(tree.size * np.eye(3) if loop.kind == "weld" else ())]
+        rows += [place(loop.first, at + x) - place(loop.second, at + x) for at in loop.at[:1] for x in corners]
+    for tie in d.ties:
+        rows.append(np.zeros((1, len(screws))))
+        rows[-1][0, [column[joint] for joint in tie.terms]] = list(tie.terms.values())
+    site = {name: (k, at) for k, link in enumerate(tree.links) for name, at in link.sites.items()}
+    for points in tree.cables.values():
+        rows.append(np.zeros((1, len(screws))))
+        for (i, p), (j, q) in pairwise(site[name] for name in points):
+            rows[-1][0] += (q - p) / np.linalg.norm(q - p) @ (place(j, q) - place(i, p))
+    null = rank_of(np.concatenate(rows))[1]
+    twists = np.zeros((len(tree.links), len(null), 6))
+    for k, link in enumerate(tree.links[1:], start=1):
+        own = ways[k][len(ways[link.parent]) :]
+        twists[k] = twists[link.parent] + null[:, own] @ screws[own]
+    return twists, null
+
+
 # -- the tree ---------------------------------------------------------------------------------------------------------
 
 
@@ -518,6 +605,7 @@ class ExportTree:
         self.mechanism, self.system = mechanism, system
         self.parts = Parts(mechanism)
         self.home = TreePose(self.parts, q)
+        self.jacobian = to_host(derive(system)).jacobian(self.home.q[:, None])[0]
         self.size = float(np.linalg.norm(np.ptp(self.home.points, axis=0))) or 1.0
         self.links = [Link("ground", -1, np.zeros(3), part=0)]
         self.description = Description(mechanism.name, self.links)
@@ -537,6 +625,7 @@ class ExportTree:
         add_coordinates(self)
         self._add_masses()
         self._leave_out_rest()
+        note_lost(self)
 
     def joint_values(self, q: np.ndarray) -> np.ndarray:
         """Return values of all joints ``(..., nq)`` of poses ``(..., N)``, hinges counted on through whole turns."""
@@ -573,22 +662,23 @@ class ExportTree:
 
         A joint is called after the user's, or after its point and the part that hangs on it.
         """
-        parts, dim = self.parts, self.parts.dim
-        edges = sorted(self.edges, key=lambda e: (not e.wanted, e.freedoms(dim)))
+        parts = self.parts
+        edges = sorted(self.edges, key=lambda e: (not e.wanted, e.freedoms))
         count = 1 + sum(bool(part.points) for part in parts.parts[1:])  # after these come vectors of no body
 
         def free(k: int) -> TreeEdge:
             at = parts.parts[k].points[0]
-            return TreeEdge(parts.parts[k].name, "free", 0, k, (at, at), turns=can_turn(parts, k), user=True)
+            return TreeEdge(
+                parts.parts[k].name, 0, k, (at, at), list(np.eye(3)[: parts.dim]), _turning(parts, k), user=True
+            )
 
-        tree: list[TreeEdge] = []
+        waiting = {id(edge): edge for edge in edges}
         for edge, parent, child in spanning_tree(count, edges, free):
             name = edge.name if edge.user else f"{edge.name} {parts.parts[child].name}"
-            self._add(child, self.link_of[parent], *edge.sequence(parent, dim), name)
-            if edge.how != "free":
+            self._add(child, self.link_of[parent], *edge.sequence(parent), name)
+            if waiting.pop(id(edge), None):  # or it hangs free
                 self._note_shared(edge)
-            tree.append(edge)
-        return [edge for edge in edges if not any(edge is hung for hung in tree)]
+        return list(waiting.values())
 
     def _add(self, k: int, parent: int, at: int, sequence: list[tuple[str, Vec]], name: str) -> None:
         part = self.parts.parts[k]
@@ -623,17 +713,18 @@ class ExportTree:
             return
         i, j = self.link_of[edge.first], self.link_of[edge.second]
         at = self.home.points[edge.at[1]]
-        if edge.how in ("revolute", "spherical"):
+        hinges = edge.hinges
+        if not edge.slides and (hinges is None or len(hinges) == 1):
             self._pin(edge, i, j, at)
             self._note_shared(edge)
             return
-        sequence = edge.sequence(edge.first, self.parts.dim)[1]
-        if edge.how != "universal":
-            sequence = [(kind, axis) for kind, axis in sequence if kind == "slide"]
-        k = self._piece(edge, sequence)
-        self._loop(edge.name, "weld" if edge.how in ("universal", "prismatic") else "connect", k, j, at)
-        if edge.how not in ("universal", "prismatic", "slot") and self.parts.dim == 3:
-            self._loop_axis(edge, k, j, at, edge.axes[-1])
+        one = hinges is not None and len(hinges) == 1
+        moves = [("slide", axis) for axis in edge.slides] + [("hinge", axis) for axis in (not one and hinges) or ()]
+        k = self._piece(edge, moves) if moves else i
+        whole = hinges is not None and not one and can_turn(self.parts, edge.first, edge.second)
+        self._loop(edge.name, "weld" if whole else "connect", k, j, at)
+        if hinges and one and self.parts.dim == 3:
+            self._loop_axis(edge, k, j, at, hinges[0])
         self._note_shared(edge)
 
     def _pin(self, edge: TreeEdge, i: int, j: int, at: Vec) -> None:
@@ -641,8 +732,8 @@ class ExportTree:
         met = [p for p in edge.points if root(self._points[p], edge.first) == root(self._points[p], edge.second)]
         if not met:
             self._loop(edge.name, "connect", i, j, at)
-        if edge.how == "revolute" and self.parts.dim == 3 and len(met) < 2:
-            self._loop_axis(edge, i, j, at, edge.axes[0])
+        if edge.hinges and self.parts.dim == 3 and len(met) < 2:
+            self._loop_axis(edge, i, j, at, edge.hinges[0])
 
     def _loop_axis(self, edge: TreeEdge, i: int, j: int, at: Vec, axis: Vec) -> None:
         """Keep another place of an axis together, unless a vector along it is shared."""

@@ -70,6 +70,10 @@ class MjcfFile:
         self.data: Any = self.mujoco.MjData(self.model)  # the home pose
         self.set_home(self.model.qpos0)
 
+    def __reduce__(self) -> tuple:
+        """Return what reads the file again, in the same pose: MuJoCo's own records of it cannot be pickled."""
+        return _read_in_pose, (self.path.resolve(), np.array(self.data.qpos))
+
     def fault(self, what: str) -> ModelFileError:
         """Make an error that names the file."""
         return ModelFileError(f"{self.path}: {what}")
@@ -343,21 +347,24 @@ class MjcfFile:
         anchors = {joint.name: tree.anchors[joint.name] for joint in link.joints if not joint.held}
         if not design.changed.intersection(name for a in anchors.values() for name in (a.point, a.axis)):
             return
+        still = np.array_equal(self.data.qpos, self.model.qpos0)  # or the frame moves, and every joint in it
         turn, origin = link.turn, link.origin  # after the joint that is looked at, the last one first
         for joint in link.joints[::-1]:
             element, anchor = elements[joint.name], anchors.get(joint.name)
             if element.frame is not None:
                 raise self.fault(f"joint {joint.name!r} stands in a <frame>; write it without, to save designs of it")
-            if anchor is not None and anchor.point in design.changed:
+            if anchor is not None and anchor.axis and (anchor.axis in design.changed or not still):
+                element.axis = turn.T @ (tree.sense(joint) * design.places[anchor.axis])
+            if joint.kind == "slide":  # its place is that before it slides
+                origin = origin + turn @ self._step_back(joint, element)[1]
+            if anchor is not None and (anchor.point in design.changed or not still):
                 at = tree.sliders.get(joint.name, anchor.point)
                 element.pos = turn.T @ (design.places[at] - origin)
-            if anchor is not None and anchor.axis in design.changed:
-                element.axis = turn.T @ (tree.sense(joint) * design.places[anchor.axis])
-            if joint.kind != "free":
+            if joint.kind in ("hinge", "ball"):
                 back, shift = self._step_back(joint, element)
                 origin, turn = origin + turn @ shift, turn @ back
         body = next(b for b in spec.bodies if b.id == k)
-        if np.array_equal(self.data.qpos, self.model.qpos0):
+        if still:
             return
         if body.frame is not None:
             raise self.fault(f"body {link.name!r} stands in a <frame>; write it without, to save designs with home=")
@@ -403,6 +410,14 @@ class MjcfFile:
                 for word, k, place in zip(names, ends, places, strict=True):
                     bodies[k].add_site(name=word, pos=place)
                 element.objtype, (element.name1, element.name2) = site, names
+
+
+def _read_in_pose(path: Path, qpos: np.ndarray) -> MjcfFile:
+    file = MjcfFile(path)
+    if file.data.qpos.shape != qpos.shape:
+        raise file.fault("it has other joints than the robot that was kept; read it anew")
+    file.set_home(qpos)
+    return file
 
 
 def _matrix(numbers: np.ndarray) -> np.ndarray:

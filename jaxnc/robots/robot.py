@@ -21,11 +21,13 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.robots.import_tree import ElementaryJoint, ImportTree, Link, MovedPlaces
 from jaxnc.robots.mjcf import MjcfFile
 from jaxnc.robots.urdf import UrdfFile
-from jaxnc.solvers.assembly import derive, rank_of, sample_poses, settle
+from jaxnc.solvers.assembly import derive, rank_of, sample_poses, to_host
+from jaxnc.solvers.sparse_matrix import dependencies
 from jaxnc.system.frames import quaternions, turns
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
+from jaxnc.validate import as_array
 
 
 @public
@@ -61,8 +63,8 @@ class Robot:
         self.left_out, self.notes = tuple(self._description.left_out), tuple(self._description.notes)
 
     def __reduce__(self) -> tuple:
-        """Return what reads the file again: MuJoCo's own records of it cannot be pickled."""
-        return _read_again, (type(self._file), self._file.path.resolve(), *self._chosen)
+        """Return what reads the file again, drawn in the same pose."""
+        return Robot, (self._file, *self._chosen)
 
     @property
     def coordinates(self) -> dict[str, str]:
@@ -76,13 +78,13 @@ class Robot:
         driven = [own[j] for j in self._description.actuated]
         sprung = [c for j, c in own.items() if joints[j].stiffness and c not in driven]
         others = [c for c in own.values() if c not in driven and c not in sprung]
-        dense = self.mechanism.compile(sparse=False)
-        samples = sample_poses(dense, 3)
+        samples = sample_poses(self.system, 3)
         most = max(s.rank for s in samples)  # home may be a dead point, of another rank
         poses = []
         for sample in samples[::-1]:
             if sample.rank == most:
-                null = rank_of(sample.jacobian)[1]
+                matrix = sample.jacobian  # of a large system a sparse one
+                null = rank_of(matrix)[1] if sample.null is None else dependencies(matrix.T).T
                 poses.append(np.zeros((len(null), len(top.coordinates))))
                 poses[-1][:, top.unknown] = null
         chosen: list[str] = []
@@ -126,8 +128,8 @@ class Robot:
 
     def pose(self, values: Any, system: System | None = None, **options: Any) -> Motion:
         """Poses of the mechanism: points, vectors, angles, frames of links, from what `positions` takes."""
-        system = self.system if system is None else system
-        values = values if isinstance(values, Tracer) else np.asarray(values, dtype=float)
+        system = self._own(self.system if system is None else system)
+        values = values if isinstance(values, Tracer) else as_array(values, "values of joints")
         if values.ndim == 0 or values.shape[-1] != len(self.actuated):
             raise InputError(
                 f"{self.mechanism.name!r} is driven by {counted(len(self.actuated), 'joint')} "
@@ -141,6 +143,12 @@ class Robot:
             less = ", ".join(f"{c} {float(away[c]):.6g}" for c in self.actuated if float(away[c]))
             told = f" These are coordinates of the mechanism; values of joints are less by {less}." if less else ""
             raise AssemblyError(f"{error}{told}") from None
+
+    def _own(self, system: System) -> System:
+        """Return a design of this robot; refuse any other system."""
+        if not isinstance(system, System) or system.topology != self.system.topology:
+            raise InputError(f"{system!r} is not a design of this robot; change robot.system by replace()")
+        return system
 
     def _away(self, home: Numbers) -> dict[str, Any]:
         """Return what to add to a joint's value to have its coordinate, from the coordinates as drawn."""
@@ -173,7 +181,9 @@ class Robot:
 
     def _coordinates_of(self, motion: Motion) -> tuple[Any, Any]:
         """All coordinates of poses and of the drawing, NumPy's where nothing has to be compiled for them."""
-        q, home = motion.q, derive(motion.system).home
+        if not isinstance(motion, Motion):
+            raise InputError(f"expected poses of this robot, as of robot.pose(values), got {type(motion).__name__}")
+        q, home = motion.q, derive(self._own(motion.system)).home
         return (np.asarray(q), np.asarray(home)) if on_host(motion.poses, motion) else (q, home)
 
     def _moving(self, *kinds: str) -> list[tuple[ElementaryJoint, Link]]:
@@ -222,25 +232,22 @@ class Robot:
                 assembles elsewhere than it is drawn, as where a slide's line was moved off what slides on it.
             OutputError: the file cannot be written.
         """
-        system = self.system if system is None else system
-        if system.topology != self.system.topology:
-            raise InputError(f"{system!r} is not a design of this robot; change robot.system by replace()")
+        system = self._own(self.system if system is None else system)
         for name in ("physical", "dimensions"):
             if not np.array_equal(getattr(system.parameters, name), getattr(self.system.parameters, name)):
                 raise InputError(
                     "save() writes places and directions; masses, springs or constants of relations of this design are "
                     "not the file's, so change those in the file"
                 )
-        eq, top = derive(system), system.topology
-        moved = _assembled_elsewhere(system) - _assembled_elsewhere(
-            self.system
-        )  # a file's own loops may be open a little
-        farthest = int(np.argmax(moved[: len(top.points) * top.dim]))
-        if moved[farthest] > 1e-7 * float(eq.length):  # 1e-7 of the size: the file has no more digits
-            name = top.coordinates[farthest].partition(".")[0]
+        (misfit, scale), (own, _) = _misfits(system), _misfits(self.system)  # a file's own loops may be open a little
+        apart, top = scale * np.abs(misfit - own), system.topology
+        if apart.max(initial=0.0) > 1e-7 * float(derive(system).length):  # of the size: the file has no more digits
+            farthest = int(np.argmax(apart))
+            (owner, *_) = top.row_owners[farthest]
             raise InputError(
-                f"{self.mechanism.name!r}: this design assembles elsewhere than it is drawn, {name!r} by "
-                f"{moved[farthest]:.3g}, and a file has the drawing: move what slides on a line that was moved along"
+                f"{self.mechanism.name!r}: this design assembles elsewhere than it is drawn, off {owner.thing.noun} "
+                f"{top.called(owner)!r} by {apart[farthest]:.3g}, and a file has the drawing: "
+                "move what slides on a line that was moved along"
             )
         places, before = _named_places(system), _named_places(self.system)
         changed = {name for name, at in places.items() if not np.array_equal(at, before[name])}
@@ -261,14 +268,14 @@ class Robot:
         return "\n".join(lines)
 
 
-def _read_again(sort: type, path: Path, without: tuple[str, ...], hold: tuple[str, ...]) -> Robot:
-    return Robot(sort(path), without, hold)
-
-
-def _assembled_elsewhere(system: System) -> np.ndarray:
-    """Return by how much each coordinate of the assembled drawing is off the drawn one."""
-    eq = derive(system)
-    return np.abs(np.asarray(settle(eq, np.zeros(len(eq.home))).q) - np.asarray(eq.home))
+def _misfits(system: System) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much the drawing misses each row, and what makes a length of that."""
+    eq = to_host(derive(system))
+    residual = eq.residual(eq.home[:, None])[:, 0]
+    scale = np.ones_like(residual)
+    for block, of in zip(eq.topology.layout, eq.scales, strict=True):
+        scale[block.rows] = of
+    return residual / scale, scale
 
 
 @in_one_program

@@ -74,6 +74,10 @@ class UrdfFile:
         """Make an error that names the file."""
         return ModelFileError(f"{self.path}: {what}")
 
+    def __reduce__(self) -> tuple:
+        """Return what reads the file again."""
+        return UrdfFile, (self.path.resolve(),)
+
     def _by_name(self, tag: str) -> dict[str, ET.Element]:
         out: dict[str, ET.Element] = {}
         for element in self.root.findall(tag):
