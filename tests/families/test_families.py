@@ -350,6 +350,23 @@ def test_every_joint_in_the_plane(family):
     assert "Y.x" in f.variables or family == "reference"
 
 
+def test_a_slot_between_parts_that_share_unit_vectors_is_a_slide_or_a_cylinder():
+    """Mass matrices by hand: the mass, and the moment about the axis."""
+    for vectors, want in (("uv", [2.0]), ("u", [2.0, 0.3 + 2.0 * 0.4**2])):
+        m = nc.Mechanism("slide", dim=3)
+        m.ground("P", (0, 0, 0))
+        m.ground_vector("u", (0, 0, 1))
+        m.ground_vector("v", (1, 0, 0))
+        m.point("Q", (0, 0, 0.2))
+        m.point("R", (0.1, 0, 0.2))
+        m.body("s", ["Q", "R"], vectors=list(vectors), mass=2.0, com=(0.4, 0, 0.2), inertia=np.diag([0.1, 0.2, 0.3]))
+        m.slot("groove", "Q", ("P", "u"))
+        chain = Chain(m)
+        assert (chain.formulation.n, chain.formulation.r) == (len(want), 0)
+        np.testing.assert_allclose(np.sort(np.linalg.eigvalsh(chain.mass_matrix(np.zeros(len(want)))))[::-1],
+                                   np.sort(want)[::-1], atol=ROUNDING)  # fmt: skip
+
+
 def test_every_joint_in_space_relatively():
     f = fits(every_spatial_joint(), "relative")
     # Wheels on the ground are met by the angles that the user gave them, the screw's turn by its advance.

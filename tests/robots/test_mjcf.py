@@ -9,6 +9,7 @@ import pytest
 
 import jaxnc as nc
 from jaxnc.library.catalogue import CATALOGUE
+from jaxnc.robots.export_tree import note_lost
 from jaxnc.solvers.assembly import sample_poses
 
 mujoco = pytest.importorskip("mujoco")
@@ -361,6 +362,66 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="a"><joint name
 <keyframe><key name="there" qpos=".4 1 .1 -.3"/></keyframe></mujoco>"""
 
 
+@pytest.mark.parametrize(
+    ("points", "vectors", "joint", "freedoms"),
+    [
+        ("Q", "uv", lambda m: m.slot("g", "Q", ("P", "u")), 1),
+        ("QR", "u", lambda m: m.slot("g", "Q", ("P", "u")), 2),
+        ("Q", "uv", lambda m: m.planar("g", plane=("P", "u"), on="Q"), 2),
+        ("Q", "uv", lambda m: m.planar("g", plane=("P", "u"), on=("Q", "u")), 2),
+        ("Q", "uv", lambda m: None, 3),
+        ("QR", "u", lambda m: None, 4),
+        ("QR", "u", lambda m: m.spherical("g", "P", "Q"), 1),
+        ("QR", "uv", lambda m: m.cylindrical("g", line=("P", "u"), on="Q"), 1),
+        ("QR", "uv", lambda m: (m.slot("g", "Q", ("P", "u")), m.slot("h", "R", ("P2", "u"))), 1),
+    ],
+)
+def test_bodies_that_share_unit_vectors_have_no_more_freedoms_in_a_file(points, vectors, joint, freedoms, tmp_path):
+    """Freedoms by hand: two shared vectors leave no turn, one leaves that about it."""
+    m = nc.Mechanism("shared", dim=3)
+    for name, at in (("P", (0, 0, 0)), ("P2", (0.1, 0.2, 0))):
+        m.ground(name, at)
+    m.ground_vector("u", (0, 0, 1))
+    m.ground_vector("v", (1, 0, 0))
+    where = {"Q": (0, 0, 0), "R": (0.1, 0.2, 0.3)}
+    for name in points:
+        m.point(name, where[name])
+    m.body("s", list(points), vectors=list(vectors), mass=1.0, com=(0.3, 0, 0.2), inertia=np.diag([0.01, 0.02, 0.02]))
+    joint(m)
+    done = m.to_mjcf(tmp_path / "shared.xml")
+    model = mujoco.MjModel.from_xml_path(str(done.path))
+    model.opt.jacobian, data = mujoco.mjtJacobian.mjJAC_DENSE, mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    rank = np.linalg.matrix_rank(data.efc_J.reshape(-1, model.nv), tol=FREE) if data.nefc else 0
+    assert (model.nv - rank, done.left_out) == (freedoms, ())
+    urdf = nc.from_urdf(m.to_urdf(tmp_path / "shared.urdf").path)
+    assert urdf.system.degrees_of_freedom == freedoms
+
+
+def test_a_slide_that_was_read_is_written_as_a_slide(tmp_path):
+    (tmp_path / "one.xml").write_text(
+        '<mujoco><worldbody><body><joint name="d" type="slide" axis="0 .6 .8"/><geom size=".1" pos=".3 0 .2"/></body>'
+        "</worldbody></mujoco>"
+    )
+    done = nc.from_mjcf(tmp_path / "one.xml").mechanism.to_mjcf(tmp_path / "two.xml")
+    model = mujoco.MjModel.from_xml_path(str(done.path))
+    assert (model.nv, int(model.jnt_type[0])) == (1, int(mujoco.mjtJoint.mjJNT_SLIDE))
+    np.testing.assert_allclose(np.abs(model.jnt_axis[0]), (0, 0.6, 0.8), atol=1e-12)
+
+
+def test_what_a_tree_does_not_keep_is_named(tmp_path):
+    """A tree whose loop is opened, and one that turns where the mechanism slides."""
+    tree = nc.library.four_bar().to_mjcf(tmp_path / "open.xml")._tree
+    tree.description.loops.clear()
+    note_lost(tree)
+    assert any("point 'C'" in said for said in tree.description.left_out), tree.description.left_out
+    tree = nc.library.slider_crank().to_mjcf(tmp_path / "turned.xml")._tree
+    slide = next(joint for joint in tree.joints.values() if joint.kind == "slide")
+    slide.axis = np.array([0.0, 1.0, 0.0])
+    note_lost(tree)
+    assert tree.description.left_out
+
+
 @pytest.mark.parametrize("home", [None, "there"])
 def test_a_design_of_a_robot_is_saved_as_it_is_whatever_pose_it_was_drawn_in(home, tmp_path):
     (tmp_path / "arm.xml").write_text(ARM)
@@ -387,3 +448,22 @@ def test_a_keyframe_may_turn_a_ball_by_a_quarter(turn, tmp_path):
     robot = nc.from_mjcf(tmp_path / "ball.xml", home="k")
     found, want = np.asarray(robot.positions([0.3]))[:4], np.array(turn) / np.linalg.norm(turn)
     assert min(np.abs(found - want).max(), np.abs(found + want).max()) < 1e-12
+
+
+def test_the_first_of_two_hinges_stays_where_it_is_when_the_second_moves(tmp_path):
+    """It hangs on the ground: MuJoCo has its place and axis there in every pose."""
+    (tmp_path / "two.xml").write_text(
+        '<mujoco><worldbody><body name="b" pos="0 0 .5"><joint name="a" axis="0 0 1" pos=".1 0 0"/>'
+        '<joint name="s" type="slide" axis="1 0 1" pos="0 .1 0"/><joint name="c" axis="0 1 0" pos="0 0 .2"/>'
+        '<geom size=".1" pos="0 0 .3"/></body></worldbody></mujoco>'
+    )
+    robot = nc.from_mjcf(tmp_path / "two.xml", home={"c": 1.0, "a": 0.2, "s": 0.1})
+    design = robot.system.replace({"c_axis": np.array([0.3, 1.0, 0.0])})
+    path = robot.save(tmp_path / "out.xml", design)
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(path)))
+    for data.qpos[:] in ([0.2, 0.1, 1.0], [0.7, -0.2, 0.2]):
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(data.joint("a").xanchor[:2], (0.1, 0.0), atol=1e-5)
+        np.testing.assert_allclose(data.joint("a").xaxis, (0, 0, 1), atol=1e-5)
+    again = nc.from_mjcf(path, home={"c": 1.0, "a": 0.2, "s": 0.1}).system
+    np.testing.assert_allclose(again["s_at"], robot.system["s_at"], atol=1e-6)

@@ -1,5 +1,6 @@
 """Robots read from MJCF, loops included: all joints from the actuated ones, as MuJoCo's own constraints want them."""
 
+import copy
 import pickle
 import re
 from pathlib import Path
@@ -256,6 +257,22 @@ def test_a_robot_is_pickled_as_its_file(ankle):
     again = pickle.loads(pickle.dumps(ankle))
     assert again.system.topology == ankle.system.topology and again.actuated == ankle.actuated
     np.testing.assert_array_equal(again.positions([0.1, 0.2]), ankle.positions([0.1, 0.2]))
+
+
+@pytest.mark.parametrize("kept", [copy.deepcopy, lambda robot: pickle.loads(pickle.dumps(robot))])
+def test_a_robot_is_kept_in_the_pose_that_it_is_drawn_in(kept, folder):
+    """Two arms that meet: drawn in either assembly, which the file's own flat pose does not tell."""
+    (folder / "kite.xml").write_text(
+        """<mujoco><worldbody><body name="a"><joint name="a" axis="0 0 1"/><geom size=".1"/>
+        <body name="b" pos="1 0 0"><joint name="b" axis="0 0 1"/><geom size=".1"/></body></body>
+        <body name="c" pos="1.5 0 0"><joint name="c" axis="0 0 1"/><geom size=".1"/></body></worldbody>
+        <equality><connect body1="b" body2="c" anchor="2 0 0"/></equality><actuator><motor joint="a"/></actuator>
+        </mujoco>"""
+    )
+    for b, c in ((-0.5, 0.5), (-1.586, -1.806)):
+        robot = nc.from_mjcf(folder / "kite.xml", home={"a": 0.5, "b": b, "c": c})
+        assert kept(robot).system == robot.system
+        np.testing.assert_array_equal(kept(robot).positions([0.6]), robot.positions([0.6]))
 
 
 def test_slopes_of_designs(folder):
@@ -531,13 +548,31 @@ def test_a_design_that_assembles_elsewhere_than_it_is_drawn_is_not_saved(tmp_pat
     robot = nc.from_mjcf(path)
     by = np.array([0.02, 0.0, 0.01])
     moved = robot.system.replace({"h_at": np.asarray(robot.system["h_at"]) + by})
-    with pytest.raises(nc.InputError, match=r"assembles elsewhere.*'s_on' by.*move"):
+    with pytest.raises(nc.InputError, match=r"assembles elsewhere.*joint 's slot' by.*move"):
         robot.save(tmp_path / "moved.xml", moved)
     both = moved.replace({"s_on": np.asarray(robot.system["s_on"]) + by})
     again = nc.from_mjcf(robot.save(tmp_path / "moved.xml", both))
     for values in ([0.0, 0.0, 0.0], [0.2, 0.5, 0.03]):
         one, two = robot.frames(robot.pose(values, both))["b"], again.frames(again.pose(values))["b"]
         np.testing.assert_allclose(one[0], two[0], atol=1e-6)
+
+
+def test_poses_and_designs_of_something_else_are_refused(gripper):
+    other = nc.library.four_bar().compile()
+    motion = nc.solve_position(other, {"phi": 1.0})
+    wrong = (
+        lambda: gripper.pose([0.1] * len(gripper.actuated), other),
+        lambda: gripper.joint_values(motion),
+        lambda: gripper.frames(motion),
+        lambda: gripper.save("x.xml", other),
+    )
+    for call in wrong:
+        with pytest.raises(nc.InputError, match=r"'four-bar'.* is not a design of this robot; change robot.system by"):
+            call()
+    with pytest.raises(nc.InputError, match=r"values of joints must be .* numbers, got \[\[1, 2\], \[3\]\]"):
+        gripper.positions([[1, 2], [3]])
+    with pytest.raises(nc.InputError, match=r"poses of this robot, as of robot.pose\(values\), got list"):
+        gripper.frames([0.1])
 
 
 def test_a_robot_whose_loop_is_open_a_little_is_saved(tmp_path):

@@ -326,3 +326,19 @@ def test_the_command(to, suffix, tmp_path, capsys):
     assert written.suffix == suffix and verdict.files[0].path == str(written)
     assert {p.name for p in tmp_path.iterdir()} == {"m.toml", "out"}
     assert main(["export", str(tmp_path / "m.toml"), "--to", "dxf"]) == 2
+
+
+def test_a_design_of_a_robot_whose_mimic_has_an_offset_is_saved(tmp_path):
+    """Where the last hinge is in the plane of three, by hand: the file is drawn where the mimic does not hold."""
+    joints = "".join(
+        f'<joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/><axis xyz="0 0 1"/>'
+        f'<origin xyz="{x} 0 0"/>{more}</joint>'
+        for k, x, more in ((1, 0, ""), (2, 0.3, '<mimic joint="j1" multiplier="-1" offset="0.4"/>'), (3, 0.2, ""))
+    )
+    links = "".join(f'<link name="l{k}"/>' for k in range(4))
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
+    robot = nc.from_urdf(tmp_path / "arm.urdf")
+    design = robot.system.replace({"j3_at": np.asarray(robot.system["j3_at"]) * 1.1})
+    again = nc.from_urdf(robot.save(tmp_path / "longer.urdf", design))
+    place = 0.3 * np.exp(0.1j) + 0.25 * np.exp(0.4j)
+    np.testing.assert_allclose(again.pose([0.1, 0.2])["j3_at"], (place.real, place.imag, 0.0), atol=1e-9)
