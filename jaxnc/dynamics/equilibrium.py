@@ -18,7 +18,7 @@ from jaxnc.dynamics.model import blame_force, check_loads, dynamics, forces, pot
 from jaxnc.dynamics.reactions import Reactions, motion_reactions
 from jaxnc.dynamics.start import assemble_pose, check_pose
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import array, doubt_degrees, finite, in_radians, outside
+from jaxnc.kinematics.inputs import doubt_degrees, in_radians, one_number, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers import dense
@@ -126,8 +126,7 @@ def equilibrium(
             raise InputError(f"{system.topology.name!r} has no coordinate {name!r} to hold; "
                              f"{nearest(name, system.topology.coordinates)}")  # fmt: skip
         outside(value, f"equilibrium(hold={{{name!r}: …}})")
-        finite(array(value, f"hold: {name!r}"), f"hold: {name!r}")
-    drives = tuple((name, _Constant(float(value))) for name, value in (hold or {}).items())
+    drives = tuple((name, _Constant(one_number(value, f"hold: {name!r}"))) for name, value in (hold or {}).items())
     flow = Flow.of(dyn, system.degrees_of_freedom, drives)
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there

@@ -263,7 +263,8 @@ class Descent(Shown, Leaves):
                 f"Descent: a design has {self.problem.count} unknowns, {', '.join(self.problem.names[:6])} …; "
                 f"got shape {np.shape(known)}"
             )
-        return self._begin(jnp.asarray(known, float))
+        # Leaves of their own, so that a step may be given them for good.
+        return jax.tree.map(jnp.copy, self._begin(jnp.asarray(known, float)))
 
     def __call__(self, lane: Lane, key: Array | None = None) -> Lane:
         """The design after one more step.

@@ -188,15 +188,15 @@ class _Stacking:
         self.name, self.shop = motion.system.topology.name, shop
         self.z = complex_points(motion, shop.unit)
         stock = PartStock(motion, self.z, shop)
-        self.parts, self.pins = stock.parts, [p for p in stock.pins if len(p.parts) > 1]
+        self.parts, self.pins = stock.parts, stock.pins
         for pin in self.pins:
             pin.parts.sort()
-        self.near, radii, shapes, rows = self._pairs(stock)
+        self.near, radii, shapes, rows = self._pairs()
         weights, constant = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
         self.gaps = Gaps(PartCourse.of(motion, weights, constant, shop.unit), np.array(radii), shapes)
         self.gaps.unsure = stock.unsure
 
-    def _pairs(self, stock: PartStock) -> tuple[list[Rule], list[float], list[tuple[np.ndarray, np.ndarray]], list]:
+    def _pairs(self) -> tuple[list[Rule], list[float], list[tuple[np.ndarray, np.ndarray]], list]:
         """List what might come close, the radii and corners of both, and all corners as functions of the points."""
         parts, pins, shop = self.parts, self.pins, self.shop
         rows, corners = [], []
@@ -221,16 +221,15 @@ class _Stacking:
                 if j not in pin.parts:
                     add("pin and part", len(parts) + k, j, 0.5 * (shop.spacer + shop.width))
         rigid = [{h.pin for h in part.holes} for part in parts]
-        number = [k for k, pin in enumerate(stock.pins) if len(pin.parts) > 1]  # of the pins in the stock
         home = [rows[own[0]][0] @ self.z[0] + rows[own[0]][1] for own in corners[len(parts) :]]
         for k, m in itertools.combinations(range(len(pins)), 2):
-            held = any({number[k], number[m]} <= holes for holes in rigid)  # in holes of one part, always as far apart
+            held = any({k, m} <= holes for holes in rigid)  # in holes of one part, always as far apart
             if not held or abs(home[k] - home[m]) < shop.spacer + shop.clearance:
                 add("pins", len(parts) + k, len(parts) + m, shop.spacer)
         for slot in (slot for part in parts for slot in part.slots):
             for i, j in itertools.combinations(sorted(set(slot.pins)), 2):
                 if not any({i, j} <= held for held in rigid):  # pins that slide, and are not in holes of one part
-                    add("slot", len(parts) + number.index(i), len(parts) + number.index(j), shop.pin)
+                    add("slot", len(parts) + i, len(parts) + j, shop.pin)
         return near, radii, shapes, rows
 
     def _shared_pin(self, i: int, j: int) -> Pin | None:

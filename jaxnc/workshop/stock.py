@@ -327,7 +327,7 @@ class PartStock:
 
     Attributes:
         parts: plates, the ground first.
-        pins: pins, those of one part too.
+        pins: pins that go through more than one part; holes and slots say their numbers here.
         unsure: whether poses are too far apart to tell how far pins slide.
     """
 
@@ -499,14 +499,14 @@ class PartStock:
     def _drill(self, fine: np.ndarray | None) -> None:
         """Make holes and slots, and note which parts pins go through; with poses between, if they are known."""
         sliding = {k for k, _ in self.ways}
+        shared = [k for k, pin in enumerate(self.pins) if len(pin.parts) > 1 or k in sliding]
+        number = {k: new for new, k in enumerate(shared)}  # of pins that are made
         for k, pin in enumerate(self.pins):
-            points = {p for p, number in self.pin_at.items() if number == k}
-            if len(pin.parts) < 2 and k not in sliding and points <= self.lines:
+            if k not in number and {p for p, own in self.pin_at.items() if own == k} <= self.lines:
                 continue  # a point that only says where a line is
             for part in pin.parts:
                 at = self.parts[part].frame.local(self.z, self._places(pin, self.z))[0]
-                number = k if len(pin.parts) > 1 or k in sliding else -1
-                self.parts[part].holes.append(Hole(pin.name, complex(at), number))
+                self.parts[part].holes.append(Hole(pin.name, complex(at), number.get(k, -1)))
         reaches: dict[int, list[_Reach]] = defaultdict(list)
         z = self.z if fine is None else fine
         for k, (carrier, start, along) in self.ways:
@@ -516,13 +516,14 @@ class PartStock:
             sag = float(np.abs(np.diff(t, 2)).max(initial=0.0)) / 4
             self.unsure |= fine is None and sag > 0.1 * self.shop.pin
             more = sag + self.shop.clearance
-            reaches[carrier].append(_Reach(start, along, float(t.min()) - more, float(t.max()) + more, (k,)))
+            reaches[carrier].append(_Reach(start, along, float(t.min()) - more, float(t.max()) + more, (number[k],)))
             if carrier not in self.pins[k].parts:
                 self.pins[k].parts.append(carrier)
         for carrier, own in reaches.items():
             self.parts[carrier].slots = [
                 Slot((r.start + r.low * r.along, r.start + r.high * r.along), r.pins) for r in self._merge(own)
             ]
+        self.pins = [self.pins[k] for k in shared]
 
     def _merge(self, own: list[_Reach]) -> list[_Reach]:
         """Make one slot of those of a part that run into each other."""

@@ -450,7 +450,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     k1, k2, _, phi0, psi0 = solution
     bars = (phi0 + (math.pi if k1 < 0 else 0.0), psi0 + (math.pi if k2 < 0 else 0.0))
     grid = np.linspace(over[0], over[1], POSES)
-    outputs, angles = _sweep_scale(linkage, bars, x)
+    outputs, angles = _sweep_scale(linkage, x[0], x)
     gap = wrap_angle(outputs - bars[1] - y)
     error = float(np.abs(gap).max())
     defects = []
@@ -458,7 +458,7 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
         defects.append("dead point")
     elif error > 1e-9:  # radians: a precision point further off, after really moving there, is a defect
         defects.append("branch")
-    found, ranged = _sweep_scale(linkage, bars, grid)
+    found, ranged = _sweep_scale(linkage, x[0], grid)
     wanted = _call_function(function, grid, "precision_four_bars") if function is not None else None
     if not np.isfinite(found).all() and "dead point" not in defects:
         defects.append("dead point")
@@ -479,14 +479,11 @@ def _move_design(linkage, solution, x, y, over, function) -> FunctionDesign:
     )
 
 
-def _sweep_scale(linkage: FourBar, bars: tuple[float, float], scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sweep_scale(linkage: FourBar, drawn: float, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rocker angles and transmission angles at values of the input scale, NaN where not reached; from the drawing."""
     a, b, *_ = linkage.z
-    start = float(np.angle(b - a))
     padded = np.concatenate([scale, np.full(POSES - len(scale), scale[-1])])  # one shape, compiled once
-    wanted = padded + bars[0]
-    wanted = wanted - 2 * np.pi * np.round((wanted[0] - start) / (2 * np.pi))
-    motion = sweep(linkage.system, {"phi": wanted})
+    motion = sweep(linkage.system, {"phi": np.angle(b - a) + padded - drawn})
     good = np.asarray(motion.converged)
     angles = np.where(good, np.asarray(transmission_angle(motion, "B", "C", "D")), np.nan)
     return np.where(good, np.asarray(motion["psi"]), np.nan)[: len(scale)], angles[: len(scale)]

@@ -660,7 +660,8 @@ class _Search:
         row[:, :-6] *= np.exp(size * self.rng.normal(size=size.shape))
         row[:, :-6] += 0.3 * size * self.rng.normal(size=size.shape)
         if not self.target.closed:
-            row[:, -2:] += np.minimum(_JUMPS[which, None], 0.2) * self.rng.normal(size=(count, 2))
+            free = [1.0, self.target.timing is None]  # begin and range of the crank: timings give the range
+            row[:, -2:] += free * np.minimum(_JUMPS[which, None], 0.2) * self.rng.normal(size=(count, 2))
         return lanes._replace(row=row), self.line[parents]
 
     def _redraw(self, source: "_Search") -> Lanes | None:

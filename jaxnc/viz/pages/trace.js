@@ -136,18 +136,20 @@ give(pad, { viewBox: "-150 -100 300 200" });
 let drawing = false;
 pad.addEventListener("pointerdown", event => { if (event.button || drawing) return; event.preventDefault(); drawing = true; pad.setPointerCapture(event.pointerId); target = [spot(pad, event)]; closed = false; draw(); });
 pad.addEventListener("pointermove", event => { if (!drawing) return; const p = spot(pad, event); if (far(p, target[target.length - 1]) > 0.5) { target.push(p); draw(); } });
-pad.addEventListener("pointercancel", () => { drawing = false; });
+pad.addEventListener("pointercancel", () => { drawing = false; wipe(ASK); });
 pad.addEventListener("pointerup", () => {
   if (!drawing) return;
   drawing = false;
   const long = target.slice(1).reduce((s, p, i) => s + far(p, target[i]), 0);
-  if (target.length < 4 || long < 10) { $("said").textContent = "That is no curve yet: draw a longer one."; return; }
+  if (target.length < 4 || long < 10) { wipe("That is no curve yet: draw a longer one."); return; }
   closed = far(target[0], target[target.length - 1]) < 0.12 * long;
   $("closed").checked = closed;
   find();
 });
 $("closed").addEventListener("change", event => { closed = event.target.checked; if (target.length > 3) find(); });
-$("clear").addEventListener("click", () => { run++; target = []; machines = []; chosen = null; draw(); list(); show(); $("said").textContent = "Draw a curve here, with the mouse or a finger."; });
+const ASK = "Draw a curve here, with the mouse or a finger.";
+const wipe = say => { run++; target = []; machines = []; chosen = null; draw(); list(); show(); $("said").textContent = say; };
+$("clear").addEventListener("click", () => wipe(ASK));
 async function find() {
   const mine = ++run, begun = performance.now();
   draw();
