@@ -81,7 +81,8 @@ def lost():
         (simulate(rates={"phi": INF}), "rate of 'phi': 1 of 1 values are NaN"),
         (lambda: nc.simulate(pendulum(), T, lost()), "the pose: 7 of 7 values are NaN"),
         (lambda: nc.linearise(pendulum(), lost()), "the pose: 7 of 7 values are NaN"),
-        (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi': 1 of 1 values are NaN"),
+        (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi' must be one finite number"),
+        (lambda: nc.equilibrium(pendulum(), hold={"phi": [1.3, 1.2]}), "hold: 'phi' must be one finite number"),
         (lambda: nc.equilibrium(pendulum(), hold={"ph1": 0.1}), "no coordinate 'ph1' to hold"),
         (
             lambda: jax.jit(lambda x: nc.equilibrium(pendulum(), hold={"phi": x}).motion.q)(0.1),

@@ -148,6 +148,8 @@ def test_samples_need_a_key_and_designs_are_ranked_by_means():
     assert a.error == pytest.approx(2 * 0.1**2, rel=0.5) and a.reason == "150 steps" and runs[0].steps.random
     descent = S.Descent(RANDOM, ADAM)
     lane = descent.begin()
+    leaves = jax.tree.leaves(lane)  # each its own, so that a compiled step may be given them for good
+    assert len({id(x) for x in leaves}) == len(leaves) == len({x.unsafe_buffer_pointer() for x in leaves})
     with pytest.raises(nc.InputError, match=r"drawn anew at every step: give a key"):
         descent(lane)
     with pytest.raises(nc.InputError, match=r"random.*leave out the key"):

@@ -508,6 +508,25 @@ def _mirrored(linkage, turn):
     return place.real, place.imag, np.angle(joint - pin)
 
 
+@pytest.mark.parametrize("over", [(-140.0, 140.0), (140.0, -140.0), (-90.0, 140.0)])
+def test_a_range_may_begin_more_than_half_a_turn_from_the_drawing(over):
+    """A triple-rocker that closes for cranks within 151 degrees, by the law of cosines."""
+    crank, coupler, rocker = 0.7, 0.93, 0.72
+
+    def output(x):
+        b = crank * np.exp(1j * np.asarray(x))
+        span = 1.0 - b
+        along = (coupler**2 - rocker**2 + abs(span) ** 2) / (2.0 * abs(span))
+        joint = b + (along + 1j * np.sqrt(coupler**2 - along**2)) * span / abs(span)
+        return np.unwrap(np.angle(joint - 1.0))
+
+    x, grid = R([80.0, 110.0, 135.0]), R(np.linspace(-140.0, 140.0, 561))
+    every = output(grid)
+    design = syn.precision_four_bars(x, np.interp(x, grid, every), 0.0, 0.0, over=R(over))[0]
+    assert design.defects == () and design.error < 1e-9
+    np.testing.assert_allclose(list(design.linkage.lengths.values()), (1.0, crank, coupler, rocker), rtol=1e-3)
+
+
 def test_linkages_are_differentiable_systems():
     """What exact synthesis returns is a design like any other."""
     grad = jax.grad(lambda s: nc.sweep(s, {"phi": angle(GIVEN.A, GIVEN.B) + TURN})["P"][:, 1].max())(GIVEN.system)

@@ -170,6 +170,17 @@ def test_a_pool_has_few_designs_of_one_candidate(small, brief):
     assert 1 < count.max() <= searching._OF_LINE and search.lines > len(count) > 20
 
 
+def test_timings_give_the_range_of_a_crank_in_every_round(small, brief):
+    u = np.linspace(0.0, 1.0, 30)
+    points = np.stack([3.0 * u, np.sin(5.0 * u) + u**2], axis=1)
+    search = searching._Search(Curve.of(points, False, 2.5 * u), searching._Terms.of([], (6,)), small, 6, None,
+                               np.random.default_rng(0))  # fmt: skip
+    for _ in range(4):
+        search.round()
+    assert np.ptp(search.pool.row[:, -2]) > 0.1  # where it begins is sought
+    np.testing.assert_allclose(search.pool.row[:, -1], 2.5, rtol=1e-12)
+
+
 def test_what_comes_out_meets_the_transmission_between_the_poses_too(small, brief):
     """Most of what a search keeps does, since the worst place is looked for beside the poses."""
     target, terms = Curve.of(heart(), True), searching._Terms.of([S.transmission_angle(0.5)], (6,))

@@ -192,6 +192,15 @@ def test_drawings_read_back_are_true_to_scale(made, name):
             assert reach == pytest.approx(shop.width / 2, abs=FLAT)
 
 
+def test_holes_and_slots_say_their_pins_by_the_numbers_of_the_assembly():
+    system = nc.library.slider_crank().compile()
+    made = nc.sweep(system, {"phi": np.linspace(0.0, 2.0 * np.pi, 91)}).to_parts(width=20, pin=6, thickness=3)
+    holes = [(hole, part) for part in made.parts for hole in part.holes if hole.pin >= 0]
+    assert {hole.pin for hole, _ in holes} == set(range(len(made.pins)))
+    assert all(made.pins[hole.pin].name == hole.name for hole, _ in holes)
+    assert {k for part in made.parts for slot in part.slots for k in slot.pins} <= set(range(len(made.pins)))
+
+
 def test_svg_is_in_millimetres_and_agrees_with_dxf(made):
     _, assembly, out = made("four-bar")
     for name, *_ in assembly.drawings():
