@@ -5,6 +5,7 @@ With q = q(z), ``q̇ = J ż`` and ``q̈ = J z̈ + J̇ ż``, virtual power gives 
 """
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -177,6 +178,15 @@ def _family(f: Formulation) -> _Family:
         )
     if not f.natural.topology.loads.any:
         raise InputError(f"{f.natural.name!r}: nothing in it has a mass; give bodies mass= before compile()")
+    top = f.natural.topology
+    acting = {top.coordinates[k] for force in top.loads.forces for at in force.scalars for k in at}
+    acting |= {top.coordinates[force.at] for force in top.loads.functions if force.acts == "effort"}
+    lost = sorted(acting & {*itertools.compress(top.scalars, top.angles)} - {*f.variables})
+    if lost and f.family == "reference" and top.dim == 3:
+        raise InputError(
+            f"a force acts on the angle {lost[0]!r}, which reference points in space tell but for whole turns; let it "
+            f"be a variable, keep=[{lost[0]!r}], or use family='relative'"
+        )
     if f.natural.topology.loads.friction:
         raise InputError("friction needs the reactions of natural coordinates; use nc.simulate on the mechanism")
     return _Family(f, dynamics(extended(f.natural)), derive(f.natural), derive(f.system))

@@ -212,10 +212,10 @@ def _dimension_table(data: Poses) -> list[tuple[str, ...]]:
 
 
 def _extreme_table(x: Quantity, panels: list) -> list[tuple[str, ...]]:
-    """List the least and the greatest value of what is plotted, and where."""
+    """List the least and the greatest value in the poses of what is plotted, and where."""
     unit = f" [{x.unit}]" if x.unit else ""
     rows: list[tuple[str, ...]] = [
-        ("", "least", f"at {symbol(x.label)}{unit}", "greatest", f"at {symbol(x.label)}{unit}")
+        (f"of {len(x.values)} poses", "least", f"at {symbol(x.label)}{unit}", "greatest", f"at {symbol(x.label)}{unit}")
     ]
     for group in panels:
         for q in group:

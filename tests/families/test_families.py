@@ -574,3 +574,21 @@ def test_simulations_in_families_are_differentiated():
     slope = (float(height(1.001)) - float(height(0.999))) / 0.002
     assert float(jax.grad(height)(1.0)) == pytest.approx(slope, rel=1e-4)
     assert float(jax.jit(height)(1.0)) == pytest.approx(float(height(1.0)), rel=1e-12)
+
+
+def test_a_spring_winds_a_rotor_in_space_by_more_than_a_turn():
+    """Against the harmonic swing; reference points alone tell the angle but for whole turns."""
+    m = nc.Mechanism("rotor", dim=3)
+    for name, at in (("A", (0, 0, 0)), ("G", (1, 0, 0))):
+        m.ground(name, at)
+    m.ground_vector("u", (0, 0, 1))
+    m.point("P", (1, 0, 0))
+    m.body("r", ["A", "P"], vectors=["u"], mass=1.0, com=(0.3, 0, 0), inertia=np.diag([0.1, 0.1, 0.2]))
+    m.angle("phi", at="A", start="G", to="P", about="u")
+    m.spring("k", "phi", stiffness=2.0, free=6.0)
+    t = np.linspace(0.0, 2.0, 11)
+    kept = nc.formulate(m, "reference", keep=["phi"])
+    wanted = 6.0 - 6.0 * np.cos(np.sqrt(2.0 / (0.2 + 0.3**2)) * t)
+    np.testing.assert_allclose(nc.families.simulate(kept, t)["phi"], wanted, atol=1e-6)
+    with pytest.raises(nc.InputError, match=r"the angle 'phi'.*keep=\['phi'\]"):
+        nc.families.simulate(nc.formulate(m, "reference"), t)

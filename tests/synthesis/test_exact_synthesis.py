@@ -329,6 +329,14 @@ class TestBurmester:
         nearest = np.nanmin(np.hypot(*(circle - near).T))
         assert np.hypot(*np.subtract(dyad.moving, near)) <= nearest * (1 + 1e-9)
 
+    def test_far_away_a_curve_is_its_asymptote(self):
+        """A straight line that passes the poses: places in one direction are as far from it as they are away."""
+        guide = syn.Guidance([[0, 0, 0], [1.0, 0.6, 0.5], [2.0, 0.9, 1.1], [2.6, 0.4, 1.9]])
+        away = np.array([1e3, 1e4, 1e5])
+        for way in (1.0, -1.0):
+            off = [np.hypot(*np.subtract(guide.curve_dyad((way * x, 0.0)).moving, (way * x, 0.0))) / x for x in away]
+            np.testing.assert_allclose(off, off[-1], rtol=1e-2)
+
     def test_poses_of_which_no_curve_is_known(self):
         turns, ways = [[0, 0, t] for t in (0, 0.5, 1.0, 1.5)], [[0, 0, 0], [1, 0.5, 0], [1.5, 2, 0], [3, 1, 0]]
         for poses in (turns, ways):
@@ -484,6 +492,8 @@ class TestBurmester:
         dyads = syn.Guidance(six).nearest_dyads()
         with pytest.raises(nc.InputError, match="a dyad of 6 poses, where there are 5"):
             syn.Guidance(five).four_bar(dyads[0], dyads[1])
+        with pytest.raises(nc.InputError, match="a dyad of other poses"):
+            syn.Guidance(five).four_bar(*syn.Guidance(np.add(five, (0.0, 0.3, 0.0))).pairs().pairs[:2])
         about_one = np.column_stack([np.full(6, 0.1), np.full(6, 0.2), np.linspace(0, 2, 6)])
         with pytest.raises(nc.InputError, match="infinitely many dyads"):
             syn.Guidance(about_one[:5]).pairs()

@@ -148,6 +148,7 @@ def test_a_sheet_has_the_drawing_the_dimensions_the_extremes_and_the_plots(four_
             assert np.any((a[:2] >= b[2:]) | (b[:2] >= a[2:])), "two parts lie on each other"
     said = words(four_bar.sheet(paper=5.0, plots=["velocity C", "C"]))
     assert {"four-bar", "rocker", "B–C", "0.12", "|velocity of C| [m/s]", "greatest"} <= set(said)
+    assert f"of {four_bar.status.size} poses" in said
     speed = np.linalg.norm(four_bar.velocity("C"), axis=1)
     assert f"{speed.max():.4g}" in said and f"{speed.min():.4g}" in said
 

@@ -144,6 +144,8 @@ def test_a_curve_is_pulled_by_the_least_change(four_bar):
     for wrong in ((1.0,), (np.nan, 0.0)):
         with pytest.raises(nc.InputError, match="a place of 'C' is 2 finite numbers"):
             w.pull("C", wrong)
+    with pytest.raises(nc.InputError, match="no design variable 'Q'"):
+        nc.widget(nc.library.four_bar(), inputs, trace="C", free=["Q"])
     bennett = nc.sweep(nc.library.bennett().compile(), {"phi": np.array([1.0, 1.1])})
     rigid = nc.widget(nc.library.parallelogram(), trace="E")  # a third crank
     with pytest.raises(nc.InputError, match="none of its dimensions can change alone"):

@@ -333,12 +333,18 @@ def trace_cubic(forms: np.ndarray, start: complex, points: int) -> np.ndarray:
         turned = [*ends[first:], *(e + np.pi for e in ends[:first])]
         spans = list(zip(turned[::2], turned[1::2], strict=True))
     pieces = []
+    # The cubic is circular, c3 = A cos α + B sin α: where that vanishes, along the asymptote, points are far away.
+    cosine, sine = _crossings(forms, start, np.array([0.0, 0.5 * np.pi]))[0]
+    off = np.geomspace(1e-9, 1e-2, 100)
+    beyond = np.arctan2(-cosine, sine) + np.concatenate([-off, off])
     for low, high in spans:
         # Evenly in the angle of a circle over the span: the two points of a line meet at its ends like a square root.
         around = np.linspace(0.0, np.pi, points // 2)
         angle = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(around)
         if not ends:
             angle = np.linspace(low, high, points // 2)
+        lines = (beyond[:, None] + np.pi * np.arange(-1, 3)).ravel()
+        angle = np.sort(np.concatenate([angle, lines[(low < lines) & (lines < high)]]))
         c3, c2, c1 = _crossings(forms, start, angle)
         root = np.sqrt(np.maximum(c2 * c2 - 4.0 * c3 * c1, 0.0))
         for sign in (1.0, -1.0):
@@ -719,6 +725,9 @@ class Guidance:
         for dyad in (crank, rocker):
             if len(dyad.places) != len(self.poses):
                 raise InputError(f"guidance: a dyad of {len(dyad.places)} poses, where there are {len(self.poses)}")
+            places = dyad.places @ (1.0, 1.0j)
+            if np.abs(self._moved(places[0]) - places).max() > 1e-6 * (self._size + np.abs(places).max()):
+                raise InputError("guidance: a dyad of other poses than these; take one of this guidance's own")
         exact = max(crank.residual, rocker.residual) <= EXACT
         return guide_four_bar(self.poses, crank, rocker, near=not exact)
 
@@ -770,6 +779,10 @@ class Guidance:
             float(lengths.mean() * self._size),
             residual,
         )
+
+    def _moved(self, b: complex) -> np.ndarray:
+        """Places of a point of the body in all poses."""
+        return self._outwards(self._turn * self._inwards(b) + self._shift)
 
     def _inwards(self, z):
         return (z - self._origin) / self._size

@@ -239,6 +239,8 @@ class Widget:
         self._watch = tuple(dict.fromkeys(names)) if watch is None else (watch,) if isinstance(watch, str) else watch
         for name in self._watch:
             motion[name]  # an unknown name is refused here
+        for name in free or ():
+            motion.system[name]
         good = np.flatnonzero(np.asarray(motion.converged).reshape(-1))
         first = int(good[0]) if len(good) else 0
         self._first, self._count, self._closed = motion.system, 0, False
