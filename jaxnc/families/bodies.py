@@ -318,7 +318,7 @@ class SpatialEdge(Edge):
 
     @property
     def in_tree(self) -> bool:
-        """Whether relative coordinates have variables for it."""
+        """Tell whether relative coordinates have variables for it."""
         return self.how not in ("slot", "planar")
 
 

@@ -98,7 +98,7 @@ class Travel(Reported):
 
     @property
     def followed(self) -> bool:
-        """Whether the motion was followed until it came round, or to both of its ends."""
+        """Tell whether the motion was followed until it came round, or to both of its ends."""
         return self.closed or len(self.ends) > 1
 
     def _write(self, value: float, digits: int = 12) -> str:

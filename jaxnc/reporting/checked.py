@@ -136,7 +136,7 @@ def extremes_of(
     if len(at) > len(motion.status):  # of the values of poses
         ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
-    steady = len(at) > len(motion.status) and _steady(motion)
+    steady = len(at) > len(motion.status) and _runs_steadily(motion)
     for q, pair in zip(found, ends, strict=True):  # a rate may jump where it is not driven steadily
         zero = _way_through_zero(q, at, lost) if steady or not q.rate else None
         pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
@@ -181,7 +181,7 @@ def _way_through_zero(q: Quantity, at: np.ndarray, lost: np.ndarray, guess: bool
     return float(at[k] + along[k] * (at[k + 1] - at[k]))
 
 
-def _steady(motion: Motion) -> bool:
+def _runs_steadily(motion: Motion) -> bool:
     """Tell whether the rates of a motion's one input are the same in all poses."""
     at = motion.system.topology.position[motion.driven[0]]
     own = [np.asarray(rate)[:, at] for rate in motion.rates]
@@ -196,7 +196,7 @@ def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:
     if len(motion.driven) != 1 or np.ndim(motion.status) != 1 or motion.conditioning is None:
         return None  # in a simulation forces move what the input leaves free
     (name,), poses, drive = motion.driven, np.arange(len(motion.status)), {}
-    if motion.rates and _steady(motion):
+    if motion.rates and _runs_steadily(motion):
         given = zip(("rates", "accelerations"), (motion.velocity, motion.acceleration), motion.rates, strict=False)
         drive = {order: {name: float(read(name)[0])} for order, read, _ in given}
     start, values = motion.pose(np.round(at).astype(int)), np.interp(at, poses, np.asarray(motion[name], float))

@@ -259,7 +259,7 @@ def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
         pin = e.how == "revolute"
         at = (e.line[0], e.on[0]) if e.how == "prismatic" else (e.point, e.point)
         slides, points = ([], (e.point,)) if pin else ([home.span(e.line)], ())
-        hinges = () if e.how == "prismatic" else _turning(parts, e.second)
+        hinges = () if e.how == "prismatic" else _turning_axes(parts, e.second)
         found.append(TreeEdge(parts.a.text(e.owner), e.first, e.second, at, slides, hinges, points, user=not pin,
                           wanted=bool(e.angle or e.distance)))  # fmt: skip
     for name, joint in parts.model.joints.items():
@@ -271,7 +271,7 @@ def _planar_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
     return found
 
 
-def _turning(parts: Parts, *ks: int) -> Sequence[Vec] | None:
+def _turning_axes(parts: Parts, *ks: int) -> Sequence[Vec] | None:
     """Return the axes about which a part turns that hangs on a point, if all of some parts know a rotation."""
     return () if not can_turn(parts, *ks) else [Z] if parts.dim == 2 else None
 
@@ -279,7 +279,7 @@ def _turning(parts: Parts, *ks: int) -> Sequence[Vec] | None:
 def _edge_of_fixed_point(parts: Parts, k: int, p: int) -> TreeEdge:
     """Make the edge of a point that slides with fixed coordinates."""
     axes = [np.eye(3)[i] for i in range(parts.dim) if not parts.a.fixed[p][i]]
-    return TreeEdge(parts.point(p), 0, k, (p, p), axes, _turning(parts, k), holder=p)
+    return TreeEdge(parts.point(p), 0, k, (p, p), axes, _turning_axes(parts, k), holder=p)
 
 
 def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
@@ -290,7 +290,7 @@ def _spatial_edges(parts: Parts, home: TreePose) -> list[TreeEdge]:
             slides, hinges, vectors = [], list(map(home.along, e.axes)), ()
         else:
             along = [] if e.how in ("revolute", "spherical") else [home.along(e.axes[0])]
-            slides = _across(along[0]) if e.how == "planar" else along
+            slides = _two_across(along[0]) if e.how == "planar" else along
             hinges, vectors = _hinges_of(home, e.kept), parts.both_hold(e.first, e.second)
         found.append(TreeEdge(name, e.first, e.second, e.at, slides, hinges, e.shared[0], vectors, user=user,
                           wanted=bool(e.angle or e.distance)))  # fmt: skip
@@ -334,7 +334,7 @@ def _hinges_of(home: TreePose, kept: tuple[Line, ...]) -> Sequence[Vec] | None:
     return [home.along(kept[0])] if len(kept) == 1 else () if kept else None
 
 
-def _across(normal: Vec) -> list[Vec]:
+def _two_across(normal: Vec) -> list[Vec]:
     one = perpendicular(normal)
     return [one, np.cross(normal, one)]
 
@@ -669,7 +669,7 @@ class ExportTree:
         def free(k: int) -> TreeEdge:
             at = parts.parts[k].points[0]
             return TreeEdge(
-                parts.parts[k].name, 0, k, (at, at), list(np.eye(3)[: parts.dim]), _turning(parts, k), user=True
+                parts.parts[k].name, 0, k, (at, at), list(np.eye(3)[: parts.dim]), _turning_axes(parts, k), user=True
             )
 
         waiting = {id(edge): edge for edge in edges}

@@ -263,7 +263,7 @@ class LargePlan(Plan):
         damping = 1e-11 * jnp.sum(lax.stop_gradient(jacobian) ** 2) / m
         fixed = self.symmetric(lax.stop_gradient(jacobian), damping)
 
-        def damped(pair):
+        def product(pair):
             y, x = pair
             return y + self.numbers.times(jacobian, x), self.numbers.times_transposed(jacobian, y) - damping * x
 
@@ -271,7 +271,7 @@ class LargePlan(Plan):
             both = self.augmented.solve(fixed, jnp.concatenate(pair)[:, None])[:, 0]
             return both[:m], both[m:]
 
-        return lambda b: solve_linear(damped, (b, jnp.zeros(n)), solve)[1] / inner
+        return lambda b: solve_linear(product, (b, jnp.zeros(n)), solve)[1] / inner
 
     def solver(self, jacobian: Array, ok: Array) -> Callable[[Float[Array, " m"]], Float[Array, " n"]]:
         """See `Plan.solver`: exact solves with derivatives; one factorisation forward, one transposed in reverse."""

@@ -726,7 +726,7 @@ class Guidance:
             if len(dyad.places) != len(self.poses):
                 raise InputError(f"guidance: a dyad of {len(dyad.places)} poses, where there are {len(self.poses)}")
             places = dyad.places @ (1.0, 1.0j)
-            if np.abs(self._moved(places[0]) - places).max() > 1e-6 * (self._size + np.abs(places).max()):
+            if np.abs(self._places_of(places[0]) - places).max() > 1e-6 * (self._size + np.abs(places).max()):
                 raise InputError("guidance: a dyad of other poses than these; take one of this guidance's own")
         exact = max(crank.residual, rocker.residual) <= EXACT
         return guide_four_bar(self.poses, crank, rocker, near=not exact)
@@ -780,7 +780,7 @@ class Guidance:
             residual,
         )
 
-    def _moved(self, b: complex) -> np.ndarray:
+    def _places_of(self, b: complex) -> np.ndarray:
         """Places of a point of the body in all poses."""
         return self._outwards(self._turn * self._inwards(b) + self._shift)
 
