@@ -40,7 +40,7 @@ def counted(monkeypatch):
         asked.append(q.shape[1])
         return plain(view, q, *more)
 
-    monkeypatch.setattr(host, "closest", closest)
+    monkeypatch.setattr(host, "assemble_closest", closest)
     return asked
 
 
