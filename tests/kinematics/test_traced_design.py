@@ -34,13 +34,13 @@ def counted(monkeypatch):
     """How often the host is asked to assemble drawings, and how many of them."""
     from jaxnc.solvers import host
 
-    asked, plain = [], host.closest
+    asked, plain = [], host.assemble_closest
 
-    def closest(view, q, *more):
+    def assemble(view, q):
         asked.append(q.shape[1])
-        return plain(view, q, *more)
+        return plain(view, q)
 
-    monkeypatch.setattr(host, "assemble_closest", closest)
+    monkeypatch.setattr(host, "assemble_closest", assemble)
     return asked
 
 
