@@ -97,19 +97,29 @@ def assemble_closest(view: HostView, begin: np.ndarray) -> Closest:
     which = np.flatnonzero(far & (found.gap <= view.tolerance(found.q)))
     if not len(which):
         return found
-    inner, q, before = view.select(which), found.q[:, which], np.full(len(which), np.inf)
-    for _ in range(100):
-        step = inner.approach(q, begin[:, which])
-        size = largest_of_lanes(step * inner.unknown_weights) / length[which]
-        on = (size > view.least.floor) & (size < before)
+    inner, q = view.select(which), found.q[:, which]
+
+    def distance(q: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(inner.weights * (q - away), axis=0)
+
+    away, length = begin[:, which], length[which]
+    before, part = np.full(len(which), np.inf), np.ones(len(which))
+    for _ in range(200):
+        step = inner.approach(q, away)
+        size = largest_of_lanes(step * inner.unknown_weights) / length
+        on = (size > view.least.accept) & (part > 1e-3)
         if not on.any():
             break
-        q[inner.plan.unknown] += np.where(on, step, 0.0)
-        before = np.where(on, size, 0.0)
-    gap = largest_of_lanes(inner.residual(q))
-    better = which[gap <= inner.tolerance(q)]  # others stay where they were found first
-    found.q[:, better], found.gap[better] = q[:, np.isin(which, better)], gap[np.isin(which, better)]
-    found.jacobian[better] = view.select(better).lengths(view.select(better).matrices(found.q[:, better])[0])
+        trial = np.array(q)
+        trial[inner.plan.unknown] += np.minimum(part, 0.3 / np.maximum(size, 0.3)) * np.where(on, step, 0.0)
+        back = closest(inner, trial)
+        good = back.gap <= inner.tolerance(back.q)
+        # Where steps are so short distances are rounding: they are trusted as long as they become shorter.
+        taken = on & good & ((distance(back.q) < distance(q)) | (size < np.minimum(1e-4, before)))
+        q = np.where(taken, back.q, q)
+        before, part = np.where(taken, size, before), np.where(taken, np.minimum(1.0, 2.0 * part), 0.5 * part)
+    found.q[:, which], found.gap[which] = q, largest_of_lanes(inner.residual(q))
+    found.jacobian[which] = inner.lengths(inner.matrices(q)[0])
     return found
 
 

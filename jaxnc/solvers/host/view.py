@@ -444,8 +444,10 @@ class HostView:
         around = self.select(np.repeat(np.arange(lanes), n))
         slopes = around.lengths(around.matrices(near.reshape(len(q), -1))[0]).reshape(lanes, n, m, n)
         bend = np.einsum("lamn,lm->lan", slopes - slope[:, None], forces) / width[:, None, None]
-        step = closest_changes(slope, np.eye(n) + bend, apart[:, :, None], self.residual(q).T[:, :, None])
-        return step[:, :, 0].T / self.unknown_weights
+        given = apart[:, :, None], self.residual(q).T[:, :, None]
+        step, down = (closest_changes(slope, np.eye(n) + x, *given)[:, :, 0] for x in (bend, np.zeros_like(bend)))
+        nearer = np.einsum("ln,ln->l", step, down) > 0.0  # else second derivatives lead away: straight down then
+        return np.where(nearer, step.T, down.T) / self.unknown_weights
 
     def _orientation(self, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return signs and logarithms of the diagonal blocks' determinants, ``(lanes, blocks)``."""
