@@ -7,7 +7,8 @@ a part of its own without orientation.
 A joint that shares a point is found from the point, the others are those of the description. A spanning tree of the
 joints gives the variables of relative coordinates: every joint left out closes one independent loop. In space a part
 that is a bar between two others (a rod with ball joints) is no link of the tree: it is one equation, the distance
-between its ends. Joints that a tree has no variables for (planar, constant-velocity, a pin in a slot) close loops.
+between its ends. Joints that a tree has no variables for (planar, constant-velocity, a pin in a slot) close loops; a
+slot between parts that share two unit vectors, or one along it, is a prismatic or a cylindrical joint.
 """
 
 import functools

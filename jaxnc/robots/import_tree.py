@@ -8,7 +8,7 @@ those of the ground in one pose, the home pose. A planar mechanism lies in the p
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -403,22 +403,23 @@ class ImportTree:
 
     # -- orientations -------------------------------------------------------------------------------------------
 
-    def _spans(self, rigid: Rigid) -> list[tuple[Direction, Vec]]:
-        """List the directions that a rigid has: vectors first, then pairs of points."""
-        out: list[tuple[Direction, Vec]] = [(v, self.directions[v]) for v in rigid.vectors]
-        for p, q in combinations(rigid.points, 2):
-            d = self.places[q] - self.places[p]
-            if np.linalg.norm(d) > 1e-3 * self.size:
-                out.append(((p, q), d / np.linalg.norm(d)))
-        return out
+    def _spans(self, rigid: Rigid) -> tuple[list[Direction], np.ndarray]:
+        """List the directions that a rigid has: vectors first, then pairs of points; and all as unit vectors."""
+        places = np.reshape([self.places[p] for p in rigid.points], (-1, 3))
+        first, second = np.triu_indices(len(places), 1)
+        spans = places[second] - places[first]
+        far = np.linalg.norm(spans, axis=1) > 1e-3 * self.size
+        names: list[Direction] = [*rigid.vectors, *compress(combinations(rigid.points, 2), far)]
+        units = spans[far] / np.linalg.norm(spans[far], axis=1, keepdims=True)
+        return names, np.concatenate([np.reshape([self.directions[v] for v in rigid.vectors], (-1, 3)), units])
 
     def _orient(self, rigid: Rigid) -> None:
         """Give a rigid the vectors that it needs to know its orientation."""
-        spans = [d for _, d in self._spans(rigid)]
+        spans = self._spans(rigid)[1]
         if not self.flat(rigid) or self._rod(rigid):
             return
-        first = spans[0] if spans else np.array([0.0, 0.0, 1.0])
-        if not spans:
+        first = spans[0] if len(spans) else np.array([0.0, 0.0, 1.0])
+        if not len(spans):
             self._vector(f"{rigid.name} line", first, rigid)
         self._vector(f"{rigid.name} mark", perpendicular(first), rigid)
 
@@ -434,8 +435,8 @@ class ImportTree:
 
     def flat(self, rigid: Rigid) -> bool:
         """Tell whether a rigid is a rod, which does not know its rotation about its own line."""
-        spans = [d for _, d in self._spans(rigid)]
-        return max((float(np.linalg.norm(np.cross(a, b))) for a, b in combinations(spans, 2)), default=0.0) <= _CLEAR
+        spans = self._spans(rigid)[1]
+        return 1.0 - float(np.min((spans @ spans.T) ** 2, initial=1.0)) <= _CLEAR**2
 
     def _angle(self, joint: ElementaryJoint) -> tuple[str, dict]:
         """Choose how a hinge's angle is measured, from a direction of its parent to one of its child."""
@@ -448,10 +449,11 @@ class ImportTree:
     def _zero(self, joint: ElementaryJoint, rigid: Rigid) -> Direction:
         """Choose the direction of a rigid that is best across a hinge, a vector if there is a good one; or add one."""
         u = self.directions[self.anchors[joint.name].axis]
-        good = [(s, spec) for spec, d in self._spans(rigid) if (s := float(np.linalg.norm(np.cross(d, u)))) > _CLEAR]
-        vectors = [x for x in good if isinstance(x[1], str)]
-        if good:
-            return max(vectors or good, key=lambda x: x[0])[1]
+        names, units = self._spans(rigid)
+        sines = np.linalg.norm(np.cross(units, u), axis=1)
+        for of in (sines[: len(rigid.vectors)], sines):
+            if of.max(initial=0.0) > _CLEAR:
+                return names[int(np.argmax(of))]
         return self._vector(f"{joint.name} zero", perpendicular(u), rigid)
 
     # -- the mechanism ------------------------------------------------------------------------------------------
@@ -536,7 +538,7 @@ class ImportTree:
             return {}
         com, tensor = whole.com, whole.tensor
         if self.flat(rigid):
-            p, u = self.places[rigid.points[0]], self._spans(rigid)[0][1]
+            p, u = self.places[rigid.points[0]], self._spans(rigid)[1][0]
             com = p + ((com - p) @ u) * u
             mean = 0.5 * (np.trace(tensor) - u @ tensor @ u)
             tensor = mean * (np.eye(3) - np.outer(u, u))
@@ -553,7 +555,7 @@ class ImportTree:
         if not number:
             return
         if self.flat(rigid):
-            p, u = self.places[rigid.points[0]], self._spans(rigid)[0][1]
+            p, u = self.places[rigid.points[0]], self._spans(rigid)[1][0]
             if float(np.linalg.norm(np.cross(at - p, u))) > 1e-6 * self.size:
                 what = f"site {name!r}" if name else "frame"
                 self.description.left_out.append(

@@ -3,6 +3,7 @@
 import copy
 import pickle
 import re
+import time
 from pathlib import Path
 
 import jax
@@ -588,3 +589,16 @@ def test_a_robot_whose_loop_is_open_a_little_is_saved(tmp_path):
     robot = nc.from_mjcf(path)
     again = nc.from_mjcf(robot.save(tmp_path / "again.xml"))
     np.testing.assert_allclose(again.positions([0.1]), robot.positions([0.1]), atol=1e-6)
+
+
+def test_a_long_robot_is_read_without_a_dense_matrix(tmp_path):
+    """301 links, 150 loops: MuJoCo has them closed. Dense matrices and loops over pairs of points took minutes."""
+    nc.library.four_bar_chain(150, last=1.05).to_mjcf(tmp_path / "chain.xml")
+    start = time.perf_counter()
+    robot = nc.from_mjcf(tmp_path / "chain.xml")
+    assert time.perf_counter() - start < 30.0
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(tmp_path / "chain.xml")))
+    assert (robot.system.topology.large, len(robot.actuated), robot.held) == (True, 1, ())
+    data.qpos[:] = robot.positions([0.05])
+    mujoco.mj_forward(model, data)
+    assert np.abs(data.efc_pos).max() < 1e-7
