@@ -76,6 +76,12 @@ def samples_of(system: System) -> System:
     return dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, near=near))
 
 
+def without_needless_turns(system: System) -> System:
+    """Make a design like all others again, of which no angle is in another turn than its drawing has it."""
+    plain = dataclasses.replace(system, parameters=dataclasses.replace(system.parameters, near=None))
+    return plain if np.allclose(derive(plain).home, derive(system).home, rtol=0.0, atol=1.0) else system
+
+
 def geometry_components(system: System) -> list[tuple[str, str, str]]:
     """List variable, component and unit of each number of a design, in the order of `geometry_vector`."""
     top = system.topology

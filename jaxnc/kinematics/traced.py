@@ -6,6 +6,7 @@ results are given their derivatives (see `jaxnc.solvers.newton.attach_pose`), an
 """
 
 import functools
+import math
 import weakref
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -310,7 +311,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
     def map_lanes(size, which, eq, q, begun, values):
         of_one, eq, lanes = in_lanes(size, shared, which, eq, q, begun, values)
         if of_one and method == "lanes" and not any(which[1:3]) and len(q) == 1:  # more inputs of the same design
-            lanes = q, begun, lanes[-1].reshape(1, -1, values.shape[-1])
+            lanes = q, begun, lanes[-1].reshape(1, math.prod(lanes[-1].shape[:-1]), values.shape[-1])
         out = _solver(plan, method, repair, of_one)(eq, *lanes)
         out = jax.tree.map(lambda a: a.reshape(size, *values.shape[-3:-1], *a.shape[2:]), out)
         return out, jax.tree.map(lambda _: True, out)

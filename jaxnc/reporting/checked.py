@@ -182,10 +182,10 @@ def _way_through_zero(q: Quantity, at: np.ndarray, lost: np.ndarray, guess: bool
 
 
 def _runs_steadily(motion: Motion) -> bool:
-    """Tell whether the rates of a motion's one input are the same in all poses."""
-    at = motion.system.topology.position[motion.driven[0]]
-    own = [np.asarray(rate)[:, at] for rate in motion.rates]
-    return all(np.ptp(rate) <= 1e-9 * np.max(np.abs(rate)) for rate in own)
+    """Tell whether the rates of a motion's one input are the same in all poses that were found."""
+    at, good = motion.system.topology.position[motion.driven[0]], np.asarray(motion.converged)
+    own = [np.asarray(rate)[good, at] for rate in motion.rates]
+    return bool(good.any()) and all(np.ptp(rate) <= 1e-9 * np.max(np.abs(rate)) for rate in own)
 
 
 def _solve_between(motion: Motion, at: np.ndarray) -> Motion | None:

@@ -52,7 +52,7 @@ def in_sequences(core: Kernel, equations: "Callable[[Array], Equations]", q: Arr
         before = jnp.concatenate([short, goal[:-1]])
         rest = before[:, None] + between[:, None, None] * (goal - before)[:, None]
         lead = _fill_up(home, jnp.concatenate([home + parts[:, None, None] * (goal[0] - home), short]), span)
-        return lead, rest.reshape(-1, *goal.shape[1:]), None
+        return lead, lax.collapse(rest, 0, 2), None
 
     def judge(b, marks, kept, trail, _):
         if b is None:
@@ -77,7 +77,7 @@ def scattered_around(core: Kernel, equations: "Callable[[Array], Equations]", q:
         ends = jnp.maximum(most[0], home), jnp.minimum(-most[1], home)
         lines = [_fill_up(home, home + parts[:, None, None] * (end - home), span) for end in ends]
         # One after the other; where all are solved at once by turns, so that they lie side by side as they are.
-        both = jnp.concatenate(lines) if span else jnp.stack(lines, axis=1).reshape(-1, *home.shape)
+        both = jnp.concatenate(lines) if span else lax.collapse(jnp.stack(lines, axis=1), 0, 2)
         return both, goal, (home[0], ends[0][0], ends[1][0], len(lines[0]))
 
     def judge(b, marks, kept, state, about):

@@ -302,6 +302,31 @@ def test_a_drawing_off_its_lengths_is_assembled_where_it_is_closest():
     close(hessian, np.concatenate(slopes) / (2 * h), 1e-7)
 
 
+def test_a_drawing_is_brought_to_its_closest_pose_where_newtons_steps_lead_away():
+    """The derivative is that of the closest pose, and of no other."""
+    system = five_bar(0.47).replace({"B": (0.25, 0.67), "D": (1.17, 0.45)})
+
+    def held(y):
+        return nc.solve_position(system.replace({"C": jnp.stack([0.62, y])}), {"phi": 1.3}, hold=["psi"])["psi"]
+
+    for y in (0.57, 0.6):
+        close(jax.grad(held)(y), (held(y + 1e-5) - held(y - 1e-5)) / 2e-5, 1e-6)
+
+
+def test_designs_of_a_truss_are_mapped():
+    """The apex of two bars, by the law of cosines."""
+    m = nc.Mechanism("truss")
+    m.ground("A", (0, 0))
+    m.ground("B", (1, 0))
+    m.point("C", (0.5, 1))
+    m.body("a", ["A", "C"], lengths={("A", "C"): 1.3})
+    m.body("b", ["B", "C"])
+    system, lengths = m.compile(), np.array([1.1, 1.3])
+    found = jax.vmap(lambda a: nc.solve_position(system.replace({"a.A-C": a}), {})["C"])(jnp.asarray(lengths))
+    x = (lengths**2 - 1.25 + 1.0) / 2.0
+    close(found, np.stack([x, np.sqrt(lengths**2 - x**2)], axis=1))
+
+
 def test_a_sparse_start_follows_lengths():
     system = five_bar(float(np.hypot(0.5, 0.5)), sparse=True)  # the drawing meets it
 

@@ -283,6 +283,7 @@ class TestRobust:
 class TestCalibration:
     def test_recovers_a_known_design(self, system, real, measured):
         fit = nc.synthesis.calibrate(system, {"phi": POSES}, {"P": measured}, FITTED)
+        assert jax.tree.structure(fit.system) == jax.tree.structure(system)  # what is compiled for one serves the other
         assert fit.converged and fit.iterations < 15 and not fit.undetermined
         for name in ("crank.A-B", "coupler.B-C", "rocker.C-D", "coupler.P.along", "coupler.P.across"):
             assert fit[name][0] == pytest.approx(float(real[name]), abs=1e-12)

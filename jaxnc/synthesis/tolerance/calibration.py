@@ -12,7 +12,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.compiling import jit
 from jaxnc.errors import AssemblyError, InputError, counted, nearest
-from jaxnc.kinematics.design import geometry_vector, samples_of, shift_geometry
+from jaxnc.kinematics.design import geometry_vector, samples_of, shift_geometry, without_needless_turns
 from jaxnc.synthesis.tolerance.spread import make_question, variable_components
 from jaxnc.synthesis.validate import as_floats, check_name
 from jaxnc.system.precision import on_host
@@ -28,7 +28,8 @@ class Calibration:
     """Dimensions fitted to measurements; ``print()`` is a report.
 
     Attributes:
-        system: the calibrated design.
+        system: the calibrated design. Where an angle that is counted in turns has gone past half a turn, it goes on
+            counting from the design as drawn, which the numbers of the design alone do not tell.
         variables: components of the design variables that were fitted.
         values: their values, ``(k,)``.
         drawn: their values before, ``(k,)``.
@@ -247,7 +248,7 @@ def calibrate(
         rms[name] = float(np.sqrt(np.nanmean(residuals[name] ** 2))) if counts[name].any() else math.nan
     drawn = np.asarray(geometry_vector(system))[at]
     return Calibration(
-        system=shift_geometry(system, at, jnp.asarray(x)),
+        system=without_needless_turns(shift_geometry(system, at, jnp.asarray(x))),
         variables=names,
         values=drawn + x,
         drawn=drawn,
