@@ -453,3 +453,27 @@ def test_a_report_in_short_begins_with_the_name_once_and_warns_of_nothing():
     ).splitlines()  # its bodies have only their centre on the ground
     assert said[0] == "spherical four-bar assembles, moves and does what was asked"
     assert not [line for line in said if "warning" in line]
+
+
+def test_extremes_beside_poses_that_were_not_found_are_between_poses_too():
+    """A crank that stops at a dead point, as the poses before it alone: the smallest rate lies between two of these."""
+    m = nc.Mechanism("four-bar")
+    for name, at in {"A": (0, 0), "D": (4, 0)}.items():
+        m.ground(name, at)
+    for name, at in {"B": (0.5, 2.0), "C": (3.2, 2.4)}.items():
+        m.point(name, at)
+    for name, points in {"crank": "AB", "coupler": "BC", "rocker": "CD"}.items():
+        m.body(name, list(points))
+    m.angle("phi", at="A", to="B")
+    m.angle("psi", at="D", to="C")
+    system, values = m.compile(), np.linspace(-1.5, 2.6, 14)
+    motion = nc.sweep(system, {"phi": values}, rates={"phi": 2.0}, throw=False)
+    good = int(np.sum(np.asarray(motion.converged)))
+    assert 3 < good < len(values)
+    both = [
+        next(e for e in nc.report(part, outputs=["psi"]).verdict.extremes if e.quantity == "v(psi)")
+        for part in (motion, nc.sweep(system, {"phi": values[:good]}, rates={"phi": 2.0}))
+    ]
+    assert both[0].smallest == pytest.approx(both[1].smallest, rel=1e-9)
+    dense = nc.sweep(system, {"phi": np.linspace(values[0], values[good - 1], 20001)}, rates={"phi": 2.0})
+    assert both[0].smallest == pytest.approx(float(np.min(dense.velocity("psi"))), rel=1e-6)

@@ -134,6 +134,12 @@ def test_a_finger_draws_an_open_curve(browser, page):
     x, y = middle(browser, "pad")
     browser.touch([[(x, y)], [(x + 2, y)], []])
     assert "no curve yet" in browser.run("document.getElementById('said').textContent")
+    assert browser.run("document.querySelectorAll('#machines button').length") == 0  # those of the curve before
+    draw(browser, way)
+    wait(browser, "document.querySelectorAll('#machines button').length === 8")
+    draw(browser, [(x, y), (x + 2, y), (x + 2, y)])
+    assert browser.run("jaxnc.machines().length + document.querySelectorAll('#machines button').length") == 0
+    assert not browser.said
 
 
 @driven

@@ -19,8 +19,8 @@ from jaxnc.solvers.host.view import (
     Near,
     PoseEvaluation,
     closest_changes,
-    holding_forces,
     largest_of_lanes,
+    pseudoinverse,
 )
 from jaxnc.solvers.plan import Plan
 from jaxnc.system.design import Drawn
@@ -213,23 +213,21 @@ def start_changes(
         return None
     if put.any():
         for some in (np.where(put, 0.0, slopes), slopes):
-            # 1e-7 of the largest singular value: rows below are redundant
-            step = np.linalg.pinv(some, rcond=1e-7) @ left
+            step = pseudoinverse(some) @ left
             at[plan.unknown, 1:] -= step / weight[:, None]
             left = left - slopes @ step
         return at
-    stiffness, pull = np.eye(len(weight)), np.zeros((len(weight), left.shape[1]))
+    back, stiffness, pull = pseudoinverse(slopes), np.eye(len(weight)), np.zeros((len(weight), left.shape[1]))
     apart = weight * (drawn.home[:, 0] - q)[plan.unknown]
     if np.max(np.abs(apart), initial=0.0) > 1e-12 * eq.length:  # the rows hold it there, by forces that turn
-        forces = holding_forces(slopes[None], apart[None])[0]
-        bend, turn = np.split(_turns_of_forces(plan, eq, drawn, at, forces), [len(weight)], axis=1)
+        bend, turn = np.split(_turns_of_forces(plan, eq, drawn, at, apart @ back), [len(weight)], axis=1)
         spread = drawn.drawing[: len(plan.topology.points)]
         spread = spread - spread.mean(axis=0)
         end = spread[np.argmax(np.sum(spread[..., 0] ** 2, axis=1))]  # half a size from the middle
         growth = 4.0 * (end[:, 0] @ end[:, 1:]) / eq.length**2
         pure = pure_numbers(plan.topology)[plan.unknown]  # which count by the size
         stiffness, pull = stiffness + bend, 2.0 * np.outer(pure * apart, growth) - turn
-    step = closest_changes(slopes[None], stiffness[None], pull[None], left[None])[0]
+    step = closest_changes(*(x[None] for x in (slopes, back, stiffness, pull, left)))[0]
     at[plan.unknown, 1:] += step / weight[:, None]
     return at
 

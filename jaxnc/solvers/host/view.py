@@ -148,33 +148,27 @@ def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
         return out
 
 
-def holding_forces(slope: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """Find the forces of the rows ``(lanes, m)`` that hold poses against a pull on the unknowns ``(lanes, n)``.
-
-    Slopes are ``(lanes, m, n)``, every coordinate a length. Of redundant rows the forces are the smallest.
-    """
-    return np.einsum("lnm,ln->lm", _pseudoinverse(slope), pull)
+def pseudoinverse(slope: np.ndarray) -> np.ndarray:
+    """Invert derivatives of rows, ``(..., m, n)``, every coordinate a length: rows may be redundant."""
+    return np.linalg.pinv(slope, rcond=1e-7)  # of the largest singular value: rows below are redundant
 
 
-def closest_changes(slope: np.ndarray, stiffness: np.ndarray, pull: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def closest_changes(
+    slope: np.ndarray, back: np.ndarray, stiffness: np.ndarray, pull: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
     """Find the changes d of the unknowns with ``slope d + rows = 0`` where ``½ d·stiffness d - pull·d`` is stationary.
 
     Args:
-        slope: derivatives of the rows, every coordinate a length, ``(lanes, m, n)``; rows may be redundant.
+        slope: derivatives of the rows, every coordinate a length, ``(lanes, m, n)``.
+        back: their `pseudoinverse`, ``(lanes, n, m)``.
         stiffness: a matrix, ``(lanes, n, n)``, positive on what the rows leave free.
         pull: ``(lanes, n, c)``.
         rows: ``(lanes, m, c)``.
     """
-    back = _pseudoinverse(slope)
     fixed, down = back @ slope, -back @ rows
     free = np.eye(slope.shape[2]) - fixed  # the projector on motions
     stiffness = 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
     return down + solve_exactly(free @ stiffness @ free + fixed, free @ (pull - stiffness @ down))
-
-
-def _pseudoinverse(slope: np.ndarray) -> np.ndarray:
-    # 1e-7 of the largest singular value: rows below are redundant
-    return np.linalg.pinv(slope, rcond=1e-7)
 
 
 # -- rows and unknowns of a plan ---------------------------------------------------------------------------------------
@@ -437,7 +431,8 @@ class HostView:
         unknown, (m, n), lanes = self.plan.unknown, self.shape, q.shape[1]
         slope = self.lengths(self.matrices(q)[0])
         apart = (self.unknown_weights * (begin - q)[unknown]).T
-        forces = holding_forces(slope, apart)
+        back = pseudoinverse(slope)
+        forces = np.einsum("lnm,ln->lm", back, apart)  # of the rows, which hold the pose away from there
         width = 1e-4 * np.broadcast_to(self.eq.length, lanes)
         near = np.repeat(q[:, :, None], n, axis=2)
         near[unknown, :, range(n)] += width / self.unknown_weights
@@ -445,7 +440,8 @@ class HostView:
         slopes = around.lengths(around.matrices(near.reshape(len(q), -1))[0]).reshape(lanes, n, m, n)
         bend = np.einsum("lamn,lm->lan", slopes - slope[:, None], forces) / width[:, None, None]
         given = apart[:, :, None], self.residual(q).T[:, :, None]
-        step, down = (closest_changes(slope, np.eye(n) + x, *given)[:, :, 0] for x in (bend, np.zeros_like(bend)))
+        stiff = np.eye(n) + bend, np.eye(n)[None]
+        step, down = (closest_changes(slope, back, x, *given)[:, :, 0] for x in stiff)
         nearer = np.einsum("ln,ln->l", step, down) > 0.0  # else second derivatives lead away: straight down then
         return np.where(nearer, step.T, down.T) / self.unknown_weights
 
