@@ -1,6 +1,7 @@
 """Linearisation about an equilibrium or a steady motion: natural frequencies, modes, state-space matrices."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +16,12 @@ from jaxnc.dynamics.flow import Flow, evaluate_rows
 from jaxnc.dynamics.model import check_loads, dynamics, forces
 from jaxnc.dynamics.start import Rates, assemble_pose, check_start, start_rates
 from jaxnc.errors import InputError, brief, nearest
+from jaxnc.internals import values_behind
 from jaxnc.kinematics.inputs import array, finite, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record, static
 from jaxnc.solvers import dense
-from jaxnc.solvers.plan import Plan, plan
+from jaxnc.solvers.plan import plan
 from jaxnc.solvers.saddle import saddle
 from jaxnc.system.equations import refuse_rates, weights
 from jaxnc.system.precision import as_its_system, limits
@@ -36,7 +38,9 @@ class Linearisation:
 
     Attributes:
         motion: the state.
-        coordinates: names of the independent coordinates.
+        coordinates: names of the independent coordinates. In traced code that was given none they are
+            `System.independent`; of a state at which these say little of the motion, z are as many orthonormal
+            directions of it, lengths, with the same frequencies, eigenvalues and modes.
         mass: M, ``(g, g)``.
         damping: C (with what gyroscopic forces add), ``(g, g)``.
         stiffness: K, ``(g, g)``.
@@ -231,7 +235,8 @@ def linearise(
         system: the system.
         state: an equilibrium, a pose (with its rates: a steady motion), or as in `jaxnc.simulate`.
         rates: rates by name, for a steady motion.
-        coordinates: the independent coordinates, as many as there are freedoms; chosen if not given.
+        coordinates: the independent coordinates, as many as there are freedoms; chosen if not given. Where the rest
+            does not follow from them, mapped or compiled code returns NaN.
         inputs: coordinates that efforts act on, for the input matrix.
         unit: what angles of `state` and `rates` are given in, ``"rad"`` or ``"deg"``.
 
@@ -245,8 +250,7 @@ def linearise(
     top = system.topology
     state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
     flow, q, v = _steady(system, assemble_pose(system, state), known_rates)
-    view = _independent_plan(system, flow, q, v, coordinates)
-    names = flow.dyn.topology.named(view.driven)
+    names, known = _name_coordinates(system, flow, q, v, coordinates)
     for name in inputs:
         if name not in top.position:
             raise InputError(
@@ -254,12 +258,9 @@ def linearise(
                 f"{nearest(name, top.coordinates)}"
             )
     at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
-    mass, c, k, basis, a, b, rest, acceleration, rows = _linearise(flow, view, q, v, at.tolist())
-    if rows.size and not isinstance(rows, Tracer):
-        sizes = np.linalg.svd(np.asarray(rows), compute_uv=False)
-    else:
-        sizes = np.ones(1)
-    if not sizes[-1] > limits(rows).singular * sizes[0]:
+    own = _choose_directions(flow, q, known, coordinates is None and isinstance(q, Tracer))
+    mass, c, k, basis, a, b, rest, acceleration = _linearise(flow, own, q, v, at.tolist())
+    if not isinstance(own.good, Tracer) and not own.good:
         raise InputError(
             f"{top.name!r}: the rest does not follow from {', '.join(names)} at this state, which is singular "
             f"for them; give other coordinates="
@@ -268,7 +269,7 @@ def linearise(
     moves = lower(top, v), lower(top, acceleration)
     pose = Motion(system, (), (), lower(top, q), moves, asked, good, None, None, time)
     shown_places = basis if top.extended is None else lower(top, basis.T).T
-    steady, rate = _is_steady(flow, view, q, v, at.tolist(), a, acceleration)
+    steady, rate = _is_steady(flow, own, q, v, at.tolist(), a, acceleration)
     rounding = np.sqrt(45.0 * np.finfo(mass.dtype).eps) * jax.lax.stop_gradient(rate)
     return Linearisation(pose, names, mass, c, k, shown_places, a, b, rest, steady, rounding)
 
@@ -281,26 +282,61 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
     return flow, q, start_rates(system.topology, flow, q, rates)
 
 
-def _independent_plan(system: System, flow: Flow, q: Array, v: Array, names: Sequence[str] | None) -> Plan:
-    """Plan a motion whose inputs are independent coordinates, chosen at a pose and its rates if names are not given.
+class _Directions(NamedTuple):
+    """Independent coordinates z as sums of the unknown coordinates ``(n,)``, all as lengths."""
+
+    sums: Array  # (g, n): of a coordinate that is one of z, a one
+    length: Array  # what a unit of each z is as a length, (g,)
+    good: Array  # whether z are the coordinates that were asked for: the others follow from these
+
+
+def _name_coordinates(
+    system: System, flow: Flow, q: Array, v: Array, names: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Name independent coordinates, chosen at a pose and its rates if not given, with their places among the unknown.
 
     The pose, in the coordinates of the dynamics, meets the constraints.
     """
-    top, freedom = system.topology, system.degrees_of_freedom
+    top, freedom, inner = system.topology, system.degrees_of_freedom, flow.dyn.topology
     chosen = tuple(names) if names is not None else _choose_independent(system, flow, q, v)
     for name in chosen:
         if name not in top.position:
             raise InputError(f"{top.name!r} has no coordinate {name!r}; {nearest(name, top.coordinates)}")
     if len(chosen) != freedom:
         raise InputError(f"{top.name!r} has {freedom} degrees of freedom; {len(chosen)} coordinates were given")
-    return plan(flow.dyn.topology, chosen, (), freedom)
+    driven = plan(inner, chosen, (), freedom).driven  # which refuses what does not move
+    return inner.named(driven), tuple(np.searchsorted(flow.view.unknown, driven).tolist())
+
+
+@filter_jit
+def _choose_directions(flow: Flow, q: Array, known: tuple[int, ...], free: bool) -> _Directions:
+    """Take the unknown coordinates in some places for z, or directions of the motion where they say little of it.
+
+    Args:
+        flow: the motion.
+        q: the pose.
+        known: places among the unknown coordinates.
+        free: whether these were chosen elsewhere, so that better ones may take their place.
+    """
+    weight, n, g = weights(flow.dyn.eq)[flow.view.unknown], len(flow.view.unknown), len(known)
+    rows = jax.lax.stop_gradient(flow.view.linearise(flow.dyn.eq, q)[1] / weight)
+    motions = dense.symmetric_eigen(rows.T @ rows)[1][:, :g].T
+    mine = motions[:, np.array(known, int)]
+    # The smallest singular value of z by the motions: squares, whose eigenvalues are quicker found, would blur it.
+    none, least = jnp.zeros_like(mine), 1e-2 if free else 10.0 * limits(q).singular
+    pairs = dense.symmetric_eigen(jnp.block([[none, mine], [mine.T, none]]))[0]
+    good = jnp.min(jnp.abs(pairs), initial=1.0) > least
+    sums = jnp.where(good, jnp.eye(n, dtype=q.dtype)[np.array(known, int)], motions)
+    length = jnp.where(good, weight[np.array(known, int)], 1.0)
+    return _Directions(sums, jax.lax.stop_gradient(length), good | free)
 
 
 def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple[str, ...]:
-    """Choose coordinates that the others follow from, well conditioned at a pose (where it was compiled, if traced)."""
-    inner, top, view = flow.dyn.topology, system.topology, flow.view
-    if any(isinstance(x, Tracer) for x in (q, v, flow.dyn.mass)):
+    """Choose coordinates that the others follow from, well conditioned at a pose (as drawn, if that is not known)."""
+    if (known := values_behind((flow, q, v))) is None:
         return system.independent
+    flow, q, v = known
+    inner, top, view = flow.dyn.topology, system.topology, flow.view
     rows, sizes = (np.asarray(x) for x in _look_at_state(flow, q, v, bool(np.any(v))))
     shown_places = [k for k, c in enumerate(view.unknown) if inner.coordinates[c] in top.position]
     free = np.linalg.svd(rows)[2][rows.shape[1] - system.degrees_of_freedom :][:, shown_places]
@@ -327,13 +363,13 @@ def _look_at_state(flow: Flow, q: Array, v: Array, moves: bool) -> tuple[Array, 
 
 
 def _is_steady(
-    flow: Flow, view: Plan, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array
+    flow: Flow, own: _Directions, q: Array, v: Array, at: list[int], matrix: Array, acceleration: Array
 ) -> tuple[Array, Array]:
     """Say whether independent coordinates have no second rates, and a state matrix that is the same a little later.
 
     Also returned is the rate, rad/s, of the quickest swing that forces of such a size could make.
     """
-    still, rate, speed, length = _compare_with_swings(flow, view, q, v, matrix, acceleration)
+    still, rate, speed, length = _compare_with_swings(flow, own, q, v, matrix, acceleration)
     # 1e-6 of what is gone in the time of a swing is no motion
     if any(isinstance(x, Tracer) for x in (still, speed)) or not (still and speed > 1e-6 * length * rate):
         return still, rate
@@ -341,25 +377,25 @@ def _is_steady(
     ahead = 1e-3 * np.asarray(length / speed)
     new = [np.asarray(x) for x in (q, v, acceleration)]
     q, v = (jnp.asarray(x) for x in (new[0] + ahead * new[1] + 0.5 * ahead**2 * new[2], new[1] + ahead * new[2]))
-    return _is_alike(flow, view, matrix, _linearise(flow, view, q, v, at)[4], speed), rate
+    return _is_alike(flow, own, matrix, _linearise(flow, own, q, v, at)[4], speed), rate
 
 
-def _as_lengths(flow: Flow, view: Plan, matrix: Array) -> tuple[Array, Array]:
+def _as_lengths(flow: Flow, own: _Directions, matrix: Array) -> tuple[Array, Array]:
     """Return how second rates change with the coordinates, and with their rates, all of them as lengths."""
-    own, g = weights(flow.dyn.eq)[view.known], len(view.known)
-    by_state = matrix[g:] * own[:, None] / jnp.tile(own, 2)
+    g = len(own.length)
+    by_state = matrix[g:] * own.length[:, None] / jnp.tile(own.length, 2)
     return by_state[:, :g], by_state[:, g:]
 
 
 @filter_jit
 def _compare_with_swings(
-    flow: Flow, view: Plan, q: Array, v: Array, matrix: Array, acceleration: Array
+    flow: Flow, own: _Directions, q: Array, v: Array, matrix: Array, acceleration: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Say whether second rates are none beside what the forces could make; return their rate, the speed and size."""
     weight, length = weights(flow.dyn.eq), flow.dyn.eq.length
     speed = jnp.max(jnp.abs(weight * v), initial=0.0)
-    size = [jnp.max(jnp.abs(part), initial=0.0) for part in _as_lengths(flow, view, matrix)]
-    rest = jnp.max(jnp.abs((weight * acceleration)[view.known]), initial=0.0)
+    size = [jnp.max(jnp.abs(part), initial=0.0) for part in _as_lengths(flow, own, matrix)]
+    rest = jnp.max(jnp.abs(own.sums @ (weight * acceleration)[flow.view.unknown]), initial=0.0)
     # What the forces that balance would give, each by itself.
     push = jnp.max(jnp.abs(forces(flow.dyn, jnp.zeros(()), q, v) / weight), initial=0.0)
     pull = push / jnp.maximum(jnp.max(jnp.diagonal(flow.dyn.mass) / weight**2), limits(q).tiny)
@@ -368,9 +404,9 @@ def _compare_with_swings(
 
 
 @filter_jit
-def _is_alike(flow: Flow, view: Plan, matrix: Array, later: Array, speed: Array) -> Array:
+def _is_alike(flow: Flow, own: _Directions, matrix: Array, later: Array, speed: Array) -> Array:
     """Say whether a state matrix is the same a thousandth of a passage by the mechanism's size later."""
-    now, then = (_as_lengths(flow, view, m) for m in (matrix, later))
+    now, then = (_as_lengths(flow, own, m) for m in (matrix, later))
     rate = speed / flow.dyn.eq.length
     most = [jnp.max(jnp.abs(part), initial=0.0) + slow for part, slow in zip(now, (rate**2, rate), strict=True)]
     # 1e-5 of its size in so short a time: a hundredth on the way
@@ -378,36 +414,37 @@ def _is_alike(flow: Flow, view: Plan, matrix: Array, later: Array, speed: Array)
     return jnp.all(jnp.array([jnp.max(jnp.abs(b - a), initial=0.0) <= 1e-5 * whole for a, b, whole in pairs]))
 
 
-def _state_changes(flow: Flow, view: Plan, q: Array, v: Array) -> tuple[Array, Array, Array]:
+def _state_changes(flow: Flow, own: _Directions, q: Array, v: Array) -> tuple[Array, Array]:
     """Find how a state changes with its independent coordinates z and their rates, by derivatives of the rows alone.
 
     Where all rates are v, rows ``Φ(q) = 0`` go on being met if ``Φ_q δq = 0`` and ``Φ_q δv = -Φ_qq v δq``.
 
     Returns:
         R, how all coordinates change with z (and their rates with those of z), ``(N, g)``; how their rates change
-        with z, ``(N, g)``; what the unknown coordinates are found from, rows and columns as lengths.
+        with z, ``(N, g)``.
     """
-    eq, n = flow.dyn.eq, len(view.unknown)
-    weight = weights(eq)[view.unknown]
-    _, unknown, known, _ = evaluate_rows(view, eq, q, v)
-    solve = saddle(jnp.eye(n), unknown / weight, unknown.shape[0] > n)
+    eq, view, g = flow.dyn.eq, flow.view, len(own.length)
+    n, weight = len(view.unknown), weights(eq)[view.unknown]
+    rows = jnp.concatenate([evaluate_rows(view, eq, q, v)[1] / weight, own.sums])
+    solve, count = saddle(jnp.eye(n), rows, rows.shape[0] > n), rows.shape[0] - g
 
     def follow(right: Array) -> Array:
-        some = jax.vmap(lambda g: solve(jnp.zeros(n), -g)[0] / weight, in_axes=1, out_axes=1)(right)
-        return jnp.zeros((len(q), right.shape[1])).at[view.unknown].set(some)
+        some = jax.vmap(lambda x: solve(jnp.zeros(n), x)[0] / weight, in_axes=1, out_axes=1)(right)
+        return jnp.zeros((len(q), g)).at[view.unknown].set(some)
 
     def bend(way: Array) -> Array:
         return 0.5 * jax.jvp(lambda v: evaluate_rows(view, eq, q, v)[3], (v,), (way,))[1]
 
-    basis = follow(known).at[view.known].set(jnp.eye(known.shape[1]))
-    return basis, follow(jax.vmap(bend, in_axes=1, out_axes=1)(basis)), unknown / weight
+    basis = follow(jnp.concatenate([jnp.zeros((count, g)), jnp.diag(own.length)]))
+    bent = jax.vmap(bend, in_axes=1, out_axes=1)(basis)
+    return basis, follow(jnp.concatenate([-bent, jnp.zeros((g, g))]))
 
 
 @filter_jit
-def _linearise(flow: Flow, view: Plan, q: Array, v: Array, at: list[int]):
+def _linearise(flow: Flow, own: _Directions, q: Array, v: Array, at: list[int]):
     """Return mass, damping, stiffness and the rest from one derivative of the accelerations along `_state_changes`."""
-    known, g, count = view.known, len(view.known), len(at)
-    basis, turned, rows = _state_changes(flow, view, q, v)
+    g, count = len(own.length), len(at)
+    basis, turned = _state_changes(flow, own, q, v)
     mass = basis.T @ flow.dyn.mass @ basis
 
     def accelerate(q, v, efforts):
@@ -418,7 +455,12 @@ def _linearise(flow: Flow, view: Plan, q: Array, v: Array, at: list[int]):
     none = jnp.zeros((len(v), count))
     ways = jnp.block([basis, zero, none]), jnp.block([turned, basis, none]), jnp.eye(count, 2 * g + count, 2 * g)
     whole, slopes = jax.vmap(lambda *way: jax.jvp(accelerate, state, way), in_axes=1, out_axes=(None, 1))(*ways)
-    by_z, by_dz, by_efforts = jnp.split(slopes[known], (g, 2 * g), axis=1)
+
+    def measure(x: Array) -> Array:  # z of all coordinates
+        return own.sums @ (weights(flow.dyn.eq)[:, None] * x)[flow.view.unknown] / own.length[:, None]
+
+    by_z, by_dz, by_efforts = jnp.split(measure(slopes), (g, 2 * g), axis=1)
     a = jnp.block([[jnp.zeros((g, g)), jnp.eye(g)], [by_z, by_dz]])
     b = jnp.concatenate([jnp.zeros((g, count)), by_efforts])
-    return mass, -mass @ by_dz, -mass @ by_z, basis, a, b, whole[known], whole, rows
+    found = mass, -mass @ by_dz, -mass @ by_z, basis, a, b, measure(whole[:, None])[:, 0]
+    return *(jnp.where(own.good, x, jnp.nan) for x in found), whole

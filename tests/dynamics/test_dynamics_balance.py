@@ -429,3 +429,28 @@ def test_a_batch_of_linearisations_has_the_numbers_of_each():
     assert many.modes.shape == (4, 1, len(system.topology.coordinates)) and "(4,)" in str(many)
     with pytest.raises(nc.InputError, match="batch"):
         many.mode(0)
+
+
+def test_traced_frequencies_where_the_drawings_coordinate_stands_still():
+    m = nc.Mechanism("drawn level, hangs")
+    m.ground("A", (0, 0))
+    m.ground("W", (0, -3))
+    m.point("B", (1, 0))
+    m.body("bar", ["A", "B"], mass=0.0)
+    m.point_mass("p", "B", 2.0)
+    m.spring("k", "W", "B", stiffness=30.0, free=1.0)
+    m.gravity = (0, -G)
+    system = m.compile()
+    assert system.independent == ("B.y",)
+
+    def frequency(k, names=None):
+        design = system.replace({"k.stiffness": k})
+        return nc.linearise(design, nc.equilibrium(design), coordinates=names).frequencies[0]
+
+    # About the lowest place 2 L^2 w^2 = m g L + k (l - l0) L W / l, with l = 2 from B to W, l0 = 1 and W = 3 below A.
+    right, slope = np.sqrt((2 * G + 30.0 * 3 / 2) / 2), (3 / 2) / 4 / np.sqrt((2 * G + 30.0 * 3 / 2) / 2)
+    found = jax.vmap(jax.value_and_grad(frequency))(jnp.array([30.0]))
+    assert np.allclose(found, [[right], [slope]], rtol=1e-8)
+    assert jax.grad(frequency)(30.0) == pytest.approx(slope, rel=1e-8)
+    asked = jax.vmap(jax.value_and_grad(functools.partial(frequency, names=["B.y"])))(jnp.array([30.0]))
+    assert np.isnan(asked[0]).all() and np.isfinite(asked[1]).all()
