@@ -331,8 +331,9 @@ def energies(run: "Simulation") -> list[Quantity]:
 def suspension_reports(motion: Motion) -> list[SuspensionReport]:
     """Make reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
     top = motion.system.topology
-    names = usual(motion.names)
-    suspended = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
+    drawn = (*top.points, *top.vectors, *(marker.name for marker in top.markers))
+    names = usual(drawn)
+    suspended = top.dim == 3 and not top.large and names is not None and names.contact in drawn
     if not suspended or names is None or int(np.sum(motion.converged)) < 2:
         return []
     if not any(float(np.ptp(np.asarray(values))) > 0 for values in motion.inputs.values()):

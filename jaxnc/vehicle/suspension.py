@@ -423,7 +423,7 @@ def _bump_input(known: Sequence[str], bump: str | None, names: Names, steer: str
             raise InputError("suspension: nothing is driven in this motion, so the wheel does not rise")
         # Steered with the spring or the height held, the wheel rises by what is held.
         others = (name for name in known if name != steer and not name.endswith((".x", ".y")))
-        return next(name for name in (f"{names.wheel_centre}.z", names.spring, *others, *known) if name in known)
+        return next(name for name in (f"{names.wheel_centre}.z", str(names.spring), *others, *known) if name in known)
     if bump not in known:
         raise InputError(f"suspension: bump={bump!r} is not an input of this motion; {nearest(bump, known)}")
     return bump
