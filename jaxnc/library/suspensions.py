@@ -165,9 +165,10 @@ def five_link(hardpoints: Mapping[str, Place] | None = None, radius: Length = _R
     """Five-link suspension, four links and a tie rod between body and knuckle: n = 29, rows = 26, rank 26, g = 3.
 
     The links lower_front, lower_rear, upper_front and upper_rear run from their ``_inner`` to their ``_outer`` end. No
-    two ball joints are on the steering axis, which is that about which the knuckle turns as the rack moves:
-    ``jaxnc.suspension(motion, steer="tie_inner.y")``. The knuckle also holds tie_outer, damper_lower and the spin axis
-    through wheel_centre and spindle, about which the wheel turns with its point ``rim``; tie_inner slides along y only.
+    two ball joints are on the steering axis, which is that about which the knuckle turns as the rack moves, and which
+    `jaxnc.suspension` finds where ``tie_inner.y`` is driven or held. The knuckle also holds tie_outer, damper_lower and
+    the spin axis through wheel_centre and spindle, about which the wheel turns with its point ``rim``; tie_inner slides
+    along y only.
     ``damper`` is the distance from damper_lower to damper_top. The marker ``contact`` is where the wheel is drawn to
     touch the road. Inputs: ``wheel_centre.z`` (bump), ``tie_inner.y`` (steer, the rack), and the wheel's spin, which is
     held by ``rim.x``; the default drive moves the wheel centre 80 mm down and up.

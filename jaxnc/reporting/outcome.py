@@ -1,6 +1,5 @@
 """Outcome of a motion, entered into a verdict: poses, extremes, expectations, a simulation, a suspension's numbers."""
 
-import functools
 import operator
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -332,18 +331,15 @@ def energies(run: "Simulation") -> list[Quantity]:
 def suspension_reports(motion: Motion) -> list[SuspensionReport]:
     """Make reports over a sweep, and over the steering where a rack is held; none if it is no suspension."""
     top = motion.system.topology
-    names = usual(motion.names)
-    suspended = top.dim == 3 and not top.large and names is not None and names.contact in motion.names
+    drawn = (*top.points, *top.vectors, *(marker.name for marker in top.markers))
+    names = usual(drawn)
+    suspended = top.dim == 3 and not top.large and names is not None and names.contact in drawn
     if not suspended or names is None or int(np.sum(motion.converged)) < 2:
         return []
     if not any(float(np.ptp(np.asarray(values))) > 0 for values in motion.inputs.values()):
         return []
-    good = np.asarray(motion.converged)
-    side = "left" if np.asarray(motion[names.wheel_centre])[good][0, 1] >= 0 else "right"
     rack = RACK[names.wheel_centre]
-    moving = rack in (*motion.driven, *motion.held) and not set(names.steering_axis or ()) <= set(motion.names)
-    report = functools.partial(suspension_report, side=side, steer=rack if moving else None)  # an axis of no two points
-    found = [report(motion)]
+    found = [suspension_report(motion)]
     if found[0].travels and rack in motion.held:
         middle = float(np.asarray(derive(motion.system).home)[top.position[rack]])
         far = _RACK_TRAVEL / METRES.get(top.length_unit, 1.0)
@@ -351,7 +347,7 @@ def suspension_reports(motion: Motion) -> list[SuspensionReport]:
         asked = {rack: middle + far * np.linspace(-1.0, 1.0, _RACK_POSES)}
         steered = solve_position(motion.system, asked, hold=hold, throw=False)
         if int(np.sum(steered.converged)) > 1:
-            found.append(report(steered))
+            found.append(suspension_report(steered))
     return found
 
 

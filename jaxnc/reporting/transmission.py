@@ -98,10 +98,29 @@ def _direction(motion: Motion, line: _Line) -> np.ndarray:
     return np.stack([-d[:, 1], d[:, 0]], axis=1) if line.normal else d
 
 
+def _move_as_one(bodies: list[set[int]]) -> list[set[int]]:
+    """Find of each of some bodies all points that move as one with it: two share two points, or three close a triangle.
+
+    Args:
+        bodies: the points of each.
+    """
+    groups, found = [set(points) for points in bodies], True
+    while found:
+        found = False
+        for one, other in itertools.combinations(groups, 2):
+            shared = one & other
+            if shared and (len(shared) > 1 or any(x & one - shared and x & other - shared for x in groups)):
+                one |= other
+                other.clear()
+                found = True
+    return [own or next(x for x in groups if x >= points) for own, points in zip(groups, bodies, strict=True)]
+
+
 class _Chain:
     """Order in which the links of a planar mechanism are moved, one by another.
 
     Attributes:
+        groups: points that move as one with the ground, and with each body in turn.
         bodies: those that are found to be moved, by the inputs or by others.
         points: those whose place is known with them, and those of the ground.
         meetings: where one moves another.
@@ -110,7 +129,9 @@ class _Chain:
     def __init__(self, top: Topology, driven: tuple[str, ...]):
         self.top = top
         self.fixed = np.array(top.fixed[: 2 * len(top.points)]).reshape(-1, 2)
-        self.still = {k for k in range(len(self.fixed)) if self.fixed[k].all()}
+        ground = set(np.flatnonzero(self.fixed.all(axis=1)).tolist())
+        self.groups = _move_as_one([ground, *(set(body.points) for body in top.bodies)])
+        self.still = self.groups[0]
         self.slots = [((j.points[0], j.points[1]), j.points[2]) for j in top.joints if j.drawn and j.type == "slot"]
         # Of each prismatic joint its line, and the points of what slides on what, either way round.
         sliding = [j.sides[:2] for j in top.joints if j.drawn and j.type == "prismatic"]
@@ -126,7 +147,7 @@ class _Chain:
 
     def _take(self, body: int) -> None:
         self.bodies.add(body)
-        self.points.update(self.top.bodies[body].points)
+        self.points.update(self.groups[body + 1])
 
     def _take_driven(self, names: list[str]) -> None:
         """Take what driven places of points place: these, and bodies that they turn about the ground."""
@@ -189,7 +210,7 @@ class _Chain:
 
     def _hung(self, body: int, but: int = -1) -> int | None:
         """Find a point by which a body hangs on what moves already, or on the ground; what moves comes first."""
-        there = [p for p in self.top.bodies[body].points if p in self.points and p != but]
+        there = [p for p in sorted(self.groups[body + 1]) if p in self.points and p != but]
         return min(there, key=lambda p: p in self.still, default=None)
 
     def _way(self, point: int) -> _Line | None:
@@ -205,7 +226,7 @@ class _Chain:
             self.rest.remove(placing)  # what one places another one may be measured from
             return True
         for b in self._loose():
-            if len(self.points & (held := set(top.bodies[b].points))) >= min(2, len(held)):  # by two of its points
+            if len(self.points & (held := self.groups[b + 1])) >= min(2, len(held)):  # by two of its points
                 self._take(b)
                 return True
         for j in top.joints:
@@ -226,7 +247,8 @@ class _Chain:
                 start = self._hung(c, joint)
                 for f in self._holding(joint):
                     end = self._hung(f, joint)
-                    if f == c or start is None or end is None or (start in self.still and end not in self.still):
+                    one = self.groups[c + 1] == self.groups[f + 1]
+                    if one or start is None or end is None or (start in self.still and end not in self.still):
                         continue
                     between = f"{self.top.bodies[c].name} and {self.top.bodies[f].name}"
                     yield joint, between, _Line(start, joint), _Line(end, joint), c, f

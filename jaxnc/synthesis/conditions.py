@@ -470,7 +470,8 @@ def only_circuit(stops: Mapping[str, tuple[float | None, float | None]] | None =
 
     This is no slope that a search could follow, but a check of the designs that it finds: one with another circuit has
     a defect, and is listed after all those without one. A four-bar that turns has two circuits in any case; stops tell
-    which of them can be assembled.
+    which of them can be assembled. A circuit that closes outside of the range only counts as several, as
+    `jaxnc.circuits` counts it.
 
     Args:
         stops: least and largest value of coordinates (``"psi"``, ``"C.y"``) by name, between which a pose has to be for

@@ -20,7 +20,7 @@ from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, ch
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_array
-from jaxnc.vehicle.suspension import ATTITUDE, suspension
+from jaxnc.vehicle.suspension import ATTITUDE, NUMBERS, suspension
 
 
 def _read_attitude(motion: Motion, name: str) -> Array:
@@ -82,9 +82,9 @@ class FunctionGeneration(Problem):
 
         Args:
             mechanism: the starting idea, as a `Mechanism` or compiled.
-            output: name of an angle, a distance or a coordinate such as ``"P.y"``; of a suspension also ``"toe"``,
-                ``"camber"`` or what else `jaxnc.suspension` tells; or a function of a motion that returns one number
-                for each pose.
+            output: name of an angle, a distance or a coordinate such as ``"P.y"``; of a suspension with the usual
+                names also ``"toe"``, ``"camber"`` or another number of a `Suspension`; or a function of a motion that
+                returns one number for each pose.
             values: of the input, radians or lengths, in the order in which they are gone through, ``(M,)``: a dense
                 table for a least-squares or minimax fit, or precision points (`chebyshev_points`).
             target: of the output at them, ``(M,)``; of an angle whole turns do not matter.
@@ -117,11 +117,11 @@ class FunctionGeneration(Problem):
                 f"{what}: output {output!r} is the input itself, which follows any table; name another coordinate"
             )
         if isinstance(output, str) and output not in top.position:
-            if output not in ATTITUDE or top.dim == 2:
-                known = (*top.coordinates, *(ATTITUDE if top.dim == 3 else ()))
+            numbers = NUMBERS[:-1] if top.dim == 3 else ()  # all but the place of the contact
+            if output not in numbers:
+                known = (*top.coordinates, *numbers)
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            if shapes(_attitude_reader(output), repeat_drawing(stated, 1)) is None:
-                raise InputError(f"{what}: {top.name!r} has no {output!r}: it lacks an axis or a spring to tell it by")
+            shapes(_attitude_reader(output), repeat_drawing(stated, 1))  # says what it lacks
         check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
         turns = _is_angle(stated.system, output)
         if turns:
@@ -147,7 +147,7 @@ class FunctionGeneration(Problem):
     def unit(self) -> str:
         top = self.system.topology
         if isinstance(self.output, str) and self.output not in top.position:
-            return "rad" if ATTITUDE[self.output] == "angle" else top.length_unit
+            return {"angle": "rad", "length": top.length_unit}.get(ATTITUDE.get(self.output, ""), "")
         return top.unit(self.output) if isinstance(self.output, str) else ""
 
     def inputs(self, extra: Numbers) -> Any:

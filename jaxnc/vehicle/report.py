@@ -11,8 +11,8 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.doors import door
-from jaxnc.errors import InputError, counted
-from jaxnc.kinematics.inputs import METRES, outside
+from jaxnc.errors import InputError, counted, nearest
+from jaxnc.kinematics.inputs import METRES, one_number, outside
 from jaxnc.kinematics.motion import Motion, drawn_motion
 from jaxnc.notebooks import align_columns
 from jaxnc.vehicle.hardpoints import RACK, trade_names
@@ -117,7 +117,10 @@ class SuspensionReport:
 
     def __getitem__(self, name: str) -> SuspensionRow:
         """The row of a number by its name."""
-        return next(row for row in self.rows if row.name == name)
+        rows = {row.name: row for row in self.rows}
+        if name not in rows:
+            raise InputError(f"suspension_report: over {self.over} it has no {name!r}; {nearest(name, rows)}")
+        return rows[name]
 
     @property
     def travels(self) -> bool:
@@ -219,6 +222,14 @@ def suspension_report(
     Source: ISO 8855:2011; W. F. Milliken and D. L. Milliken, Race Car Vehicle Dynamics, chapters 17 and 19.
     """
     outside(motion, "suspension_report()")
+    lengths, shares = {"wheelbase": wheelbase, "mass_height": mass_height}, (brake_share, drive_share)
+    for name, value in (lengths | dict(zip(("brake_share", "drive_share"), shares, strict=True))).items():
+        if value is None:
+            continue
+        size = one_number(value, f"suspension_report: {name}")
+        if not (size > 0.0 if name in lengths else 0.0 <= size <= 1.0):
+            bound = "positive" if name in lengths else "a part of the force, from 0 to 1"
+            raise InputError(f"suspension_report: {name}={value} must be {bound}")
     if motion.status.ndim != 1 or len(motion.status) < 2:
         raise InputError("suspension_report: give a sweep, poses in a row over wheel travel or steering")
     found = suspension(motion, **options)
@@ -252,7 +263,8 @@ def suspension_report(
         drawn = static[name] * factor
         rows.append(_report_row(name, label, shown, drawn, slope, f"{shown or 1}/{below}", curves[name], along))
     if not travels:
-        differences = _turn_differences(curves["steer"], along, static["track"] * mm, layout.side, wheelbase, mm)
+        turned = (curves["steer"] - math.degrees(static["steer"])) * (1.0 if layout.side == "left" else -1.0)
+        differences = _turn_differences(turned, along, static["track"] * mm, wheelbase, mm)
         curves |= differences
         for name, values in differences.items():
             shown = "%" if name == "ackermann" else "deg"
@@ -260,7 +272,7 @@ def suspension_report(
     called = f"rack travel, {by}" if by in RACK.values() else by
     return SuspensionReport(
         name=motion.system.name,
-        side=layout.side,
+        side=str(layout.side),
         axle=layout.axle,
         over="wheel travel" if travels else called,
         unit=told,
@@ -268,7 +280,7 @@ def suspension_report(
         curves=curves,
         rows=tuple(rows),
         hardpoints=_drawn_hardpoints(still, mm),
-        vehicle=_anti_percentages(static, layout.axle, wheelbase, mass_height, (brake_share, drive_share)),
+        vehicle=_anti_percentages(static, layout.axle, wheelbase, mass_height, shares),
     )
 
 
@@ -277,7 +289,7 @@ def _report_axis(motion: Motion, layout: Layout, still: Motion) -> tuple[str, np
     moving = [name for name in motion.driven if float(np.ptp(np.asarray(motion.inputs[name]))) > 0]
     if not moving:
         raise InputError("suspension_report: no input of this motion moves; sweep the wheel's height or the steering")
-    travels = layout.bump in moving
+    travels = layout.bump in moving and layout.bump not in RACK.values()
     by = layout.bump if travels else moving[0]
     look = f"{layout.names.wheel_centre}.z" if travels else by
     values = motion.inputs[by] if look == by else np.where(motion.converged, motion[look], np.nan)
@@ -306,18 +318,17 @@ def _report_row(
 
 
 def _turn_differences(
-    steer: np.ndarray, along: np.ndarray, track: float, side: str, wheelbase: float | None, mm: float
+    turned: np.ndarray, along: np.ndarray, track: float, wheelbase: float | None, mm: float
 ) -> dict[str, np.ndarray]:
     """How much more the inner wheel steers than the outer, its mirror image, where the sweep goes as far either way.
 
-    The other wheel does at the one end of the rack what this one does at the other. The Ackermann percentage compares
-    that with wheels whose axes meet on the line of the other axle: cot δo = cot δi + track / wheelbase.
+    `turned` is how far this wheel is steered outward from where it is drawn, degrees. The other wheel does at the one
+    end of the rack what this one does at the other. The Ackermann percentage compares that with wheels whose axes meet
+    on the line of the other axle: cot δo = cot δi + track / wheelbase.
     """
-    middle = int(np.argmin(np.abs(along)))
-    size = float(np.abs(along).max())
-    if np.abs(along + along[::-1]).max() > 1e-6 * size or abs(along[middle]) > 1e-6 * size:
+    if np.abs(along + along[::-1]).max() > 1e-6 * np.abs(along).max():
         return {}
-    turned = (steer - steer[middle]) * (1.0 if side == "left" else -1.0)
+    turned = np.where(np.abs(turned) < _NOTHING, 0.0, turned)
     inner = np.maximum(turned, turned[::-1])
     out = {"toe_out_in_turns": turned + turned[::-1]}
     if wheelbase is not None:

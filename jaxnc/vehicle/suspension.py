@@ -2,6 +2,7 @@
 
 import dataclasses
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,10 +21,9 @@ from jaxnc.kinematics.inputs import METRES, doubtful_size, one_number, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.notebooks import Shown, align_columns
 from jaxnc.records import record, static
-from jaxnc.solvers.assembly import derive
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
-from jaxnc.vehicle.hardpoints import Line, Names, names_in, trade_names, usual
+from jaxnc.vehicle.hardpoints import RACK, Line, Names, names_in, trade_names, usual
 
 SIZES = (0.04, 8.0)
 """How wide a suspension may be, metres: of model cars to haul trucks."""
@@ -188,6 +188,8 @@ class _TracedSuspension(Suspension):
         if name not in NUMBERS:
             raise AttributeError(f"a suspension has no number {name!r}")
         motion, layout, radius = vars(self)["_of"]
+        if lack := layout.lacks(name):
+            raise InputError(f"suspension: {motion.system.name!r} has no {name} that is known: {lack}")
         return wheel_numbers(motion, layout, (name,), radius)[name]
 
     def flatten(self) -> tuple[tuple, tuple]:
@@ -224,7 +226,7 @@ def _table_columns(record: Suspension, every: bool = False) -> tuple[list[str], 
 @public
 def suspension(
     motion: Motion,
-    side: str = "left",
+    side: str | None = None,
     wheel_centre: str | None = None,
     spin_axis: Line | None = None,
     steering_axis: tuple[str, str] | None = None,
@@ -244,21 +246,21 @@ def suspension(
 
     Args:
         motion: any poses of a spatial mechanism: a sweep, a grid, a single pose.
-        side: ``"left"`` or ``"right"`` wheel.
+        side: ``"left"`` or ``"right"`` wheel. Default: where the wheel's centre is drawn.
         wheel_centre: point or marker. Default: ``wheel_centre``, or ``6`` in a MacPherson suspension of figure 42.
         spin_axis: direction of the wheel's axis, either way round: a unit vector or marker, or two points. Default:
             ``("wheel_centre", "spindle")``, ``spin_axis``, or ``v2``.
         steering_axis: two points of it (lower ball joint, upper ball joint or top mount). Default: ``("lower_ball",
-            "upper_ball")``, or ``("2", "8")``; None if there are no such points. With `steer` given instead, the
-            instantaneous axis about which the carrier steers (multilink suspensions), the spring's length held where
-            a spring is known, else the wheel's height.
+            "upper_ball")``, or ``("2", "8")``. Without such points the instantaneous axis about which the carrier
+            steers (multilink suspensions), the spring's length held where a spring is known, else the wheel's height.
         contact: a point or marker drawn where the wheel touches the road; its drawn distance from the wheel centre is
             the tyre's loaded radius. Default: ``contact``.
         radius: the loaded radius itself, a length, instead.
         spring: the spring or damper: a distance by name, or the two points of its ends. Default: ``damper`` or ``s``.
-        bump: the input by which the wheel rises. Default: the wheel centre's height if that is driven, or else the
-            first input.
-        steer: for an instantaneous steering axis, that of the carrier: the input that steers.
+        bump: the input by which the wheel rises, driven or held. Default: the wheel centre's height, or else the
+            spring's length, or else the first that does not steer and is no place along x or y.
+        steer: for an instantaneous steering axis, that of the carrier: the input that steers. Default: the rack,
+            ``tie_inner.y``, or ``10.y`` of figure 42.
         carrier: the wheel carrier, a body. Default: that on which `contact` rides, if it is a marker.
         axle: ``"front"`` or ``"rear"``: which way the wheelbase grows.
 
@@ -290,7 +292,7 @@ vars(suspension)["pose_reading"] = _pose_reading
 class Options(NamedTuple):
     """Options of `suspension`, as they are given."""
 
-    side: str = "left"
+    side: str | None = None
     wheel_centre: str | None = None
     spin_axis: Line | None = None
     steering_axis: tuple[str, str] | None = None
@@ -307,7 +309,7 @@ class Layout(NamedTuple):
     """A wheel and its suspension: all that decides how its numbers follow from its poses."""
 
     names: Names  # what its parts are called
-    side: str  # "left" or "right"
+    side: str | None  # "left" or "right"; None where the drawn place is traced, and each pose tells it
     bump: str  # the input by which the wheel rises
     screw: tuple[str, str] | None  # a carrier and the input that steers it, for an instantaneous steering axis
     axle: str  # "front" or "rear"
@@ -318,26 +320,27 @@ class Layout(NamedTuple):
         """Inputs that are moved to see what follows."""
         return (self.bump,) if self.screw is None else (self.bump, self.screw[1])
 
-    def tells(self, name: str) -> bool:
-        """Say whether the parts are there that a number is told by."""
-        if name in _STEERED:
-            return self.screw is not None or self.names.steering_axis is not None
-        if name in _SIDE:
-            return self.carrier is not None
-        return self.names.spring is not None or name not in _SPRING
+    def lacks(self, name: str) -> str:
+        """Say which part is not known that a number is told by; nothing if all are."""
+        if name in _STEERED and self.screw is None and self.names.steering_axis is None:
+            return "it needs steering_axis=, two points, or steer= (an input) and carrier="
+        if name in _SIDE and self.carrier is None:
+            return "it needs carrier=, a body"
+        return "it needs spring=" if name in _SPRING and self.names.spring is None else ""
 
 
 def resolve(motion: Motion, given: Options) -> Layout:
     """Find the parts of a suspension, by the names that are given or by the usual ones, and the inputs that move it."""
-    if given.radius is not None and not isinstance(given.radius, Tracer):
-        one_number(given.radius, "suspension(): radius, the tyre's loaded radius,")
+    said = "suspension(): radius, the tyre's loaded radius,"
+    if not (given.radius is None or isinstance(given.radius, Tracer) or one_number(given.radius, said) > 0.0):
+        raise InputError(f"{said} must be positive, got {given.radius}")
     if not isinstance(motion, Motion):
         raise InputError(f"suspension() takes a motion, of sweep() or motion(), got {type(motion).__name__}")
     top = motion.system.topology
     if top.dim != 3:
         raise InputError(f"suspension() is for motions of spatial mechanisms; {top.name!r} is planar")
     for name, value, allowed in (
-        ("side", given.side, ("left", "right")),
+        ("side", given.side or "left", ("left", "right")),
         ("axle", given.axle, ("front", "rear")),
     ):
         if value not in allowed:
@@ -355,66 +358,85 @@ def resolve(motion: Motion, given: Options) -> Layout:
         motion._body(carrier)
     else:
         carrier = next((m.body for m in top.markers if m.name == names.contact), None)
+    rack = RACK.get(names.wheel_centre)
+    steer = given.steer or (rack if rack in known and carrier is not None else None)
     screw = None
-    if given.steer is not None and given.steering_axis is None:
+    if steer is not None and names.steering_axis is None:
         if carrier is None:
             raise InputError("suspension: an instantaneous steering axis needs carrier= (a body) besides steer=")
-        if given.steer not in known:
-            raise InputError(
-                f"suspension: {given.steer!r} is not an input of this motion; {nearest(given.steer, known)}"
-            )
-        screw = (carrier, given.steer)
+        if steer not in known:
+            raise InputError(f"suspension: {steer!r} is not an input of this motion; {nearest(steer, known)}")
+        screw = (carrier, steer)
     if doubt := doubtful_size(motion.system, "suspension", SIZES):
         warnings.warn(f"{top.name!r}: {doubt}", UserWarning, stacklevel=3)
-    layout = Layout(names, given.side, _bump_input(motion, given.bump, names.wheel_centre), screw, given.axle, carrier)
-    home: Any = derive(motion.system).home
-    if not isinstance(motion.system.parameters.points, Tracer) and not isinstance(home, Tracer):
-        still = dataclasses.replace(motion, poses=np.asarray(home), rates=(), time=None)
-        _check_side(still[names.wheel_centre], given.side, names.wheel_centre)
-    return layout
+    side, bump = _find_side(motion, given.side, names.wheel_centre), _bump_input(known, given.bump, names, steer)
+    return Layout(names, side, bump, screw, given.axle, carrier)
+
+
+_KINDS = {
+    **dict.fromkeys(("wheel_centre", "contact"), "a point or marker"),
+    "spin_axis": "a unit vector, or two points",
+    "steering_axis": "two points of the axis",
+    "spring": "a distance, or the two points of its ends",
+}
 
 
 def _part_names(motion: Motion, given: Options) -> Names:
     """Take the names given for the parts, or the usual ones where the mechanism has them."""
-    known = usual(motion.names)
+    top, known = motion.system.topology, usual(motion.names)
+    places, ways = ({m.name for m in top.markers if m.direction == way} for way in (False, True))
+    places |= {*top.points}
+    lengths = {name for name, angle in zip(top.scalars, top.angles, strict=True) if not angle}
+    single = {"wheel_centre": places, "contact": places, "spin_axis": ways | {*top.vectors}, "spring": lengths}
+
+    def fits(role: str, name: Any) -> bool:
+        if isinstance(name, str):
+            return name in single.get(role, ())
+        return single.get(role) is not places and len(name) == len({*name}) == 2 and places.issuperset(name)
+
     found: list[Any] = []
     for role in Names._fields:
         name = getattr(given, role)
         if name is None:
             name = getattr(known, role, None)
-            if name is not None and not all(part in motion.names for part in names_in(name)):
+            if name is not None and not fits(role, name):
                 name = None
             if name is None and role in ("wheel_centre", "spin_axis"):
-                kind = "a unit vector, or two points" if role == "spin_axis" else "a point or marker"
                 raise InputError(
                     f"suspension: {motion.system.name!r} has none of the usual names for its "
-                    f"{role.replace('_', ' ')}; say which it is with {role}=, {kind}"
+                    f"{role.replace('_', ' ')}; say which it is with {role}=, {_KINDS[role]}"
                 )
         else:
             for part in names_in(name):
                 if part not in motion.names:
                     hint = nearest(part, motion.names)
                     raise InputError(f"suspension: {role}={name!r}: no point, vector or coordinate {part!r}; {hint}")
+            if not fits(role, name):
+                raise InputError(f"suspension: {role}={name!r} must name {_KINDS[role]}")
         found.append(name if name is None or isinstance(name, str) else tuple(name))
     return Names(*found)
 
 
-def _bump_input(motion: Motion, bump: str | None, wheel_centre: str) -> str:
-    known = (*motion.driven, *motion.held)
+def _bump_input(known: Sequence[str], bump: str | None, names: Names, steer: str | None) -> str:
     if bump is None:
-        height = f"{wheel_centre}.z"
         if not known:
             raise InputError("suspension: nothing is driven in this motion, so the wheel does not rise")
-        return height if height in known else known[0]
+        # Steered with the spring or the height held, the wheel rises by what is held.
+        others = (name for name in known if name != steer and not name.endswith((".x", ".y")))
+        return next(name for name in (f"{names.wheel_centre}.z", str(names.spring), *others, *known) if name in known)
     if bump not in known:
         raise InputError(f"suspension: bump={bump!r} is not an input of this motion; {nearest(bump, known)}")
     return bump
 
 
-def _check_side(centre: Array, side: str, name: str) -> None:
-    y = float(np.asarray(centre)[1])
-    if y * (1.0 if side == "left" else -1.0) >= 0:
-        return
+def _find_side(motion: Motion, side: str | None, name: str) -> str | None:
+    """Find on which side the wheel is drawn, and refuse another one; None where that is traced and none is given."""
+    place = motion.system[name]
+    if isinstance(place, Tracer):
+        return side
+    y = float(np.asarray(place)[1])
+    if side is None or y * (1.0 if side == "left" else -1.0) >= 0:
+        return side or ("right" if y < 0 else "left")
     other = "right" if side == "left" else "left"
     raise InputError(
         f"suspension: side={side!r}, but {name!r} is drawn at y = {y:g}, on the {other}; ISO 8855 has y "
@@ -443,7 +465,7 @@ def wheel_numbers(
 
 
 def _wheel_reading(layout: Layout, names: tuple[str, ...], radius: Any) -> PoseReading:
-    told = tuple(name for name in names if layout.tells(name))
+    told = tuple(name for name in names if not layout.lacks(name))
     own = np.nan if radius is None else radius if isinstance(radius, Tracer) else float(radius)
     return PoseReading(
         _read_wheel,
@@ -503,8 +525,10 @@ class _Wheel(NamedTuple):
         return _Wheel(layout, pose, drawn, moved, jnp.asarray(radius, float), pose[names.wheel_centre], line, axis)
 
     @property
-    def outward(self) -> float:
+    def outward(self) -> Any:
         """Along y, away from the vehicle's centre plane."""
+        if self.layout.side is None:
+            return jnp.where(self.centre[1] < 0, -1.0, 1.0)
         return 1.0 if self.layout.side == "left" else -1.0
 
     @property
@@ -514,8 +538,10 @@ class _Wheel(NamedTuple):
 
     @property
     def rising(self) -> Pose:
-        """The pose as the wheel rises."""
-        return self.moved[self.layout.bump]
+        """The pose as the wheel rises, which may be as its input falls."""
+        pose = self.moved[self.layout.bump]
+        falls = pose.velocity(self.layout.names.wheel_centre)[2] < 0
+        return pose._replace(rates=(jnp.where(falls, -1.0, 1.0) * pose.rates[0],))
 
     def touch(self, centre: Array, line: Array) -> Array:
         """The contact centre, a function of the wheel's centre and spin axis."""

@@ -157,8 +157,7 @@ class Poses:
             return None
         from jaxnc.vehicle.suspension import suspension
 
-        y = np.median(self.places[self.extent_poses, self.names.index(names.wheel_centre), 1])
-        return suspension(self.motion, side="left" if y > 0 else "right")
+        return suspension(self.motion)
 
     def with_reactions(self, found: object) -> "Poses":
         """Add reactions that were found already."""

@@ -252,6 +252,31 @@ def test_the_transmission_of_a_slider_crank():
     assert found.values == pytest.approx(np.degrees(np.arccos(np.abs([0.02, 0.08, 0.12]) / 0.3)), abs=1e-9)
 
 
+@pytest.mark.parametrize("place", ["on a stand", "with a stay", "on a plate of bars"])
+def test_bars_that_close_a_rigid_triangle_transmit_nothing(place):
+    """Of a four-bar, one of whose links is made of bars: the angle of coupler and rocker alone."""
+    m = nc.Mechanism("four-bar")
+    m.ground("A", (0, 0)), m.point("B", (0, 1)), m.point("C", (3.3, 2.9))
+    bars = {"crank": "A B", "coupler": "B C", "rocker": "C D"}
+    if place == "on a stand":
+        m.ground("S1", (3.8, -2)), m.ground("S2", (4.2, -2)), m.point("D", (4, 0))
+        bars |= {"leg1": "S1 D", "leg2": "S2 D"}
+    else:
+        m.ground("D", (4, 0)), m.point("P", (1.7, 2.3))
+        bars |= {"one": "B P", "two": "C P"}
+        if place == "on a plate of bars":
+            m.point("Q", (1.2, 3.0))
+            bars |= {"three": "B Q", "four": "P Q"}
+    for name, points in bars.items():
+        m.body(name, points.split())
+    m.angle("phi", at="A", to="B")
+    motion = nc.sweep(m.compile(), {"phi": np.linspace(0, 2 * np.pi, 37)})
+    (found,) = transmissions(motion)
+    v, w = (np.asarray(motion[end] - motion["C"]) @ [1, 1j] for end in "BD")
+    np.testing.assert_allclose(np.sin(np.radians(found.values)), np.abs(np.sin(np.angle(v / w))), atol=1e-9)
+    assert found.at == "C" and not unexplained_bodies(motion)
+
+
 @pytest.mark.parametrize("order", [("c1", "c2"), ("c2", "c1")])
 def test_a_cylinder_between_two_moving_links_has_its_transmission(order):
     m = nc.Mechanism("arm")

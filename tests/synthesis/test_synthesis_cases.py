@@ -51,6 +51,29 @@ def test_a_suspension_is_asked_for_what_it_has():
         S.FunctionGeneration(wishbone, "tow", values, np.zeros(3), input="wheel_centre.z", hold=hold)
     with pytest.raises(nc.InputError, match="no coordinate 'toe'"):
         S.FunctionGeneration(nc.library.slider_crank(), "toe", values, np.zeros(3))
+    asked = {"input": "wheel_centre.z", "hold": hold}
+    problem = S.FunctionGeneration(wishbone, "motion_ratio", values, np.zeros(3), **asked)
+    spring = np.asarray(nc.sweep(wishbone.compile(), {"wheel_centre.z": values + 1e-3}, hold=hold)["damper"])
+    motion = problem.move(problem.start)
+    slope = (np.asarray(motion["damper"]) - spring) / 1e-3
+    np.testing.assert_allclose(problem.errors(motion, jnp.zeros(0)), slope, rtol=1e-4)
+    assert problem.unit == ""
+    # Where the rack is no input, five links have no steering axis that is known.
+    with pytest.raises(nc.InputError, match="no caster that is known"):
+        S.FunctionGeneration(
+            nc.library.five_link(), "caster", values, np.zeros(3), input="wheel_centre.z", hold=("tie_outer.y", "rim.x")
+        )
+
+
+def test_toe_of_a_right_wheel_is_that_of_its_mirror_image():
+    model, values, errors = nc.library.double_wishbone().model, np.linspace(290.0, 330.0, 3), []
+    places = {name: getattr(p, "at", p) for name, p in (model.ground | model.points).items()}
+    for outward in (1.0, -1.0):
+        m = nc.library.double_wishbone({name: (x, outward * y, z) for name, (x, y, z) in places.items()})
+        asked = {"input": "wheel_centre.z", "hold": ("tie_inner.y", "rim.x")}
+        problem = S.FunctionGeneration(m, "toe", values, np.zeros(3), **asked)
+        errors.append(jax.jit(lambda x, p=problem: p.errors(p.move(x), jnp.zeros(0)))(problem.start))
+    np.testing.assert_allclose(*errors, atol=1e-12)
 
 
 # Paths take longest, for the value of their input in the drawing: one of them here, and path.toml in test_synthesis.

@@ -326,6 +326,23 @@ def test_a_semi_trailing_arm_on_either_side():
         assert float(sides["left"].toe[k]) == pytest.approx(math.atan2(turned[0], turned[1]), abs=ANGLE)
 
 
+def test_a_right_wheel_in_traced_code_is_read_as_outside():
+    s, rise = semi_trailing(-1.0), np.array([-20.0, 30.0])
+
+    def read(s, **given):
+        motion = nc.solve_position(s, {"hub.z": 300.0 + rise})
+        return nc.suspension(motion, wheel_centre="hub", spin_axis="axle", radius=300.0, **given)
+
+    want = read(s, side="right")
+    for found in (read(s), jax.jit(read)(s)):
+        for name in ("camber", "toe", "half_track_change", "track", "swing_arm_length", "roll_centre_height"):
+            np.testing.assert_allclose(getattr(found, name), getattr(want, name), rtol=1e-9)
+    with pytest.raises(nc.InputError, match=r"no motion_ratio that is known: it needs spring="):
+        jax.jit(lambda s: read(s).motion_ratio)(s)
+    with pytest.raises(nc.InputError, match=r"no caster that is known: it needs steering_axis="):
+        jax.jit(lambda s: read(s).caster)(s)
+
+
 def test_the_instantaneous_steering_axis_is_the_line_of_the_balls():
     """With the lower arm at rest the knuckle turns about its two ball joints, whatever drives the mechanism."""
     s = system("double_wishbone")

@@ -236,6 +236,66 @@ def test_steering_by_an_angle_is_told_in_degrees():
         assert report[name].gradient_unit == unit
 
 
+def test_steering_with_the_spring_held_is_told_over_the_rack():
+    """Numbers along the travel are those with the wheel's height driven: the pose and the rack are the same."""
+    s, rack = system("double_wishbone"), {"tie_inner.y": 370.0 + np.array([-20.0, 0.0, 20.0])}
+    motion = nc.sweep(s, rack, hold=["damper", "rim.x"])
+    report, found = suspension_report(motion), nc.suspension(motion)
+    assert (report.over, len(nc.report(motion).verdict.wheels)) == ("rack travel, tie_inner.y", 1)
+    np.testing.assert_allclose(report.along, [-20.0, 0.0, 20.0], atol=1e-9)
+    want = suspensions.double_wishbone(travel=Jet(0.0, 1.0))
+    for name in ("roll_centre_height", "motion_ratio"):
+        value = float(np.ravel(getattr(want[name], "x", want[name]))[0])
+        unit = 1e3 if name == "roll_centre_height" else 1.0
+        assert float(getattr(found, name)[1]) == pytest.approx(unit * value, rel=1e-9)
+    slope = (found.steer[2] - found.steer[0]) / 40.0
+    assert report["steer"].gradient == pytest.approx(math.degrees(slope), rel=0.01)
+
+
+def test_support_angles_where_the_driven_spring_shortens_as_the_wheel_rises():
+    by_height = bump("double_wishbone", -30.0, 0.0, 30.0)
+    by_spring = nc.sweep(by_height.system, {"damper": np.asarray(by_height["damper"])}, hold=["tie_inner.y", "rim.x"])
+    found = nc.suspension(by_spring)
+    centre = suspensions.double_wishbone(travel=Jet(np.array([-0.03, 0.0, 0.03]), np.ones(3)))["wheel_centre"]
+    want = [math.atan(v[0] / v[2]) for v in centre.v]
+    np.testing.assert_allclose(found.drive_support_angle, want, atol=1e-9)
+    contact = np.asarray(by_height["contact"])
+    # Locked, the contact moves as a point of the knuckle does.
+    slope = (contact[2] - contact[0])[[0, 2]]
+    assert float(found.brake_support_angle[1]) == pytest.approx(math.atan(slope[0] / slope[1]), abs=1e-3)
+
+
+def test_arguments_that_are_mistakes_are_refused():
+    motion = bump("double_wishbone", -10.0, 10.0)
+    for options, said in (
+        ({"radius": -310.0}, "must be positive"),
+        ({"contact": "damper"}, "a point or marker"),
+        ({"wheel_centre": "damper"}, "a point or marker"),
+        ({"spin_axis": "damper"}, "a unit vector, or two points"),
+        ({"spin_axis": ("spindle", "spindle")}, "a unit vector, or two points"),
+        ({"steering_axis": ("lower_ball", "upper_ball", "rim")}, "two points of the axis"),
+        ({"spring": ("damper_top", "damper_top")}, "a distance, or the two points"),
+    ):
+        with pytest.raises(InputError, match=said):
+            nc.suspension(motion, **options)
+    for options in ({"mass_height": 0.0}, {"wheelbase": -1.0}, {"brake_share": 60.0}):
+        with pytest.raises(InputError, match=f"{next(iter(options))}=.* must be"):
+            suspension_report(motion, **options)
+    with pytest.raises(InputError, match="no 'steer'"):
+        suspension_report(motion)["steer"]
+
+
+def test_five_links_with_a_drawn_point_of_contact_are_reported():
+    m = five_link()
+    del m.model.markers["contact"]
+    m.point("contact", (0.0, 770.0, 0.0))
+    m.model.bodies["knuckle"].points.append("contact")
+    motion = nc.sweep(m.compile(), {"wheel_centre.z": np.linspace(300.0, 320.0, 3)}, hold=["tie_inner.y", "rim.x"])
+    names = [row.name for row in nc.report(motion).verdict.wheels[0].numbers]
+    assert "camber" in names
+    assert "caster" not in names
+
+
 def test_gradients_of_an_instantaneous_steering_axis():
     """Its numbers follow from rates, so that their gradients need mixed second derivatives."""
     motion, steps = bump("double_wishbone", *(float(k) for k in range(-3, 4))), np.array([-1, 9, -45, 0, 45, -9, 1])
@@ -252,12 +312,26 @@ def test_ackermann():
     inner = np.radians(0.5 * np.abs(rack))
     outer = np.arctan2(np.sin(inner), np.cos(inner) + track / wheelbase * np.sin(inner))  # cot δo = cot δi + t / L
     ideal = np.degrees(np.where(rack < 0, inner, -outer))
-    found = _turn_differences(ideal + 0.1, rack, track, "left", wheelbase, 1.0)
+    found = _turn_differences(ideal, rack, track, wheelbase, 1.0)
     np.testing.assert_allclose(np.delete(found["ackermann"], 5), 100.0, rtol=1e-9)
     np.testing.assert_allclose(found["toe_out_in_turns"], np.degrees(inner - outer), atol=1e-12)
-    parallel = _turn_differences(-0.5 * rack, rack, track, "left", wheelbase, 1.0)
+    parallel = _turn_differences(-0.5 * rack, rack, track, wheelbase, 1.0)
     np.testing.assert_allclose(np.delete(parallel["ackermann"], 5), 0.0, atol=1e-9)
-    assert not _turn_differences(-0.5 * rack[:-1], rack[:-1], track, "left", wheelbase, 1.0)  # not as far either way
+    assert not _turn_differences(-0.5 * rack[:-1], rack[:-1], track, wheelbase, 1.0)  # not as far either way
+
+
+def test_toe_out_in_turns_needs_no_pose_at_the_drawing():
+    s, ends = system("double_wishbone"), {}
+    for count in (2, 3):
+        rack = 370.0 + np.linspace(-40.0, 40.0, count)
+        found = suspension_report(
+            nc.sweep(s, {"tie_inner.y": rack}, hold=["wheel_centre.z", "rim.x"]), wheelbase=2600.0
+        )
+        ends[count] = [found.curves[name][[0, -1]] for name in ("toe_out_in_turns", "ackermann")]
+        turned = suspensions.double_wishbone(travel=0.0, rack=np.array([-0.04, 0.0, 0.04]))["steer"].x
+        want = np.degrees(turned[0] + turned[2] - 2.0 * turned[1])
+        np.testing.assert_allclose(ends[count][0], want, atol=1e-9)
+    np.testing.assert_allclose(ends[2], ends[3], atol=1e-9)
 
 
 def test_the_report_says_all_of_it(tmp_path):

@@ -1193,6 +1193,20 @@ def test_what_is_typed_far_off_or_is_no_number_says_what_is_so(browser, tmp_path
 
 
 @driven
+def test_a_length_that_vanishes_is_not_taken(browser, tmp_path):
+    m = nc.Mechanism("slider-crank", length_unit="mm")
+    m.ground("A", (-4e3, 2e3)), m.point("B", (-3950, 2070)), m.point("C", (-3700, 2000), fixed="y")
+    m.body("crank", ["A", "B"], lengths={("A", "B"): 86.0}), m.body("rod", ["B", "C"]), m.angle("phi", at="A", to="B")
+    browser.open(nc.sweep(m.compile(), {"phi": np.linspace(0.9, 1.5, 9)}).to_html(tmp_path / "a.html", model=m))
+    for row in (1, 2):  # a length that the model gives, and one of the drawing
+        enter(browser, f"#sizes .control:nth-child({row})", 1e-300)
+    file = tmp_path / "changed.json"
+    file.write_text(saved(browser, "design"))
+    assert nc.load(file).model.bodies["crank"].lengths == {"A-B": 86.0} and browser.said == []
+    assert nc.solve_position(nc.load(file).compile(), {"phi": 1.2}).converged
+
+
+@driven
 def test_symbols_of_masses_stay_away_where_a_page_finds_no_forces(browser, tmp_path):
     m = nc.library.slider_crank(fixed_guide=True)
     m.mass("crank", 1.0, com=(0.05, 0.0), inertia=0.01)

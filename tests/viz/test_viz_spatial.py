@@ -762,6 +762,10 @@ def test_the_page_of_a_suspension_plots_what_its_report_tells(tmp_path):
     ax, *_ = motion.plot("camber").axes
     assert ax.get_ylabel() == "camber [°]"
     np.testing.assert_allclose(ax.lines[0].get_ydata(), report.curves["camber"], rtol=1e-12)
+    five = nc.sweep(nc.library.five_link().compile(), height, hold=["tie_inner.y", "rim.x"])
+    ax, *_ = five.plot("caster").axes
+    want = np.degrees(nc.suspension(five, steer="tie_inner.y", carrier="knuckle").caster)
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), want, rtol=1e-12)
 
 
 def test_a_page_knows_failed_poses(failing, tmp_path):

@@ -28,8 +28,8 @@ function setLink({ points: [a, b], numbers }, value, old, name) {
 const resized = (name, unit, positive, value, set) => {
   const c = control("sizes", name, unit), x = value(), spread = abs(x) || 0.3 * L.length;
   c.slide.min = positive ? 0.3 * x : x - spread; c.slide.max = positive ? 2 * x : x + spread;
-  let held = false;
-  c.heard(v => { pause(); if (positive && !(v > 0)) return sizes(); if (!held) remember(); held = true; take(); set(v); }, () => { held = false; fit(0.6); });
+  let held;
+  c.heard(v => { pause(); if (positive && v <= 1e-9 * L.length) return sizes(); if (!held) remember(); held = true; take(); set(v); }, () => { held = false; fit(0.6); });
   return () => c.fill(value());
 };
 const sized = [
