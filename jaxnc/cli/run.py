@@ -175,6 +175,8 @@ def do_simulate(question: Question, options: argparse.Namespace, importing: floa
     first, earlier = 0.0, None
     state, rates = (in_radians(mechanism, values) or None for values in (section.start, section.rates))
     if options.resume:
+        if options.rate:
+            raise InputError(f"--rate {options.rate[0]} is a rate at the start, and --resume takes those of its table")
         earlier = _load_states(system, options.resume)
         state, rates = earlier.pose(-1), None
         first = float(np.asarray(earlier.time)[-1])

@@ -190,7 +190,8 @@ def read_drives(
         if not callable(f):
             raise InputError(f"input {name!r} must be a function of time, got {type(f).__name__}")
     (driven,) = in_radians(system, unit, inputs or {})
-    freedom, extra = system.degrees_of_freedom, len(driven) - system.degrees_of_freedom
+    top, freedom = system.topology, system.degrees_of_freedom
+    extra = sum(name not in top.position or not top.fixed[top.position[name]] for name in driven) - freedom
     if extra > 0:
         raise InputError(
             f"too many inputs: {system.name!r} has {counted(freedom, 'degree')} of freedom, {len(driven)} inputs were "

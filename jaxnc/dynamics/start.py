@@ -133,7 +133,8 @@ def begin_pose(system: System, state: PyTree, driven: Mapping[str, Numbers], thr
     Where all freedoms are, the drawing's branch is followed to these values, if it leads there.
     """
     begin = assemble_pose(system, state, throw)
-    if state is not None or not driven or len(driven) != system.degrees_of_freedom:
+    free = [name for name in driven if not system.topology.fixed[system.topology.position[name]]]  # not the ground's
+    if state is not None or not driven or len(free) != system.degrees_of_freedom:
         return begin
     found = solve_position(system, driven, throw=False)
     return jnp.where(found.converged, found.q, begin)

@@ -95,3 +95,5 @@ def test_simulate_and_resume(tmp_path, capsys):
     )
     assert main(["simulate", str(path), "--resume", str(table)]) == 2
     assert "give a longer --duration" in capsys.readouterr().err
+    assert main(["simulate", str(path), "--duration", "0.6", "--resume", str(table), "--rate", "phi=9"]) == 2
+    assert "--rate phi=9" in capsys.readouterr().err

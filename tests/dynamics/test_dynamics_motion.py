@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import jaxnc as nc
@@ -354,3 +355,28 @@ def test_a_traced_design_that_has_lost_its_inertia_since_it_was_compiled_breaks_
 
     found = jax.jit(jax.vmap(status))(np.array([0.01, 0.0]))
     assert not found[0].any() and (found[1] == int(nc.Status.CAME_APART)).all()
+
+
+def test_the_ground_is_shaken_beside_an_input():
+    m = nc.Mechanism("shaken")
+    m.ground("A", (0, 0))
+    m.point("B", (1, 0))
+    m.point("C", (1, -1))
+    m.body("arm", ["A", "B"], mass=0.0)
+    m.body("bob", ["B", "C"], mass=0.0)
+    m.point_mass("p", "C", 2.0)
+    m.point_mass("e", "B", 1.0)
+    m.angle("q", at="A", to="B")
+    m.angle("r", at="B", to="C")
+    m.gravity = (0, -G)
+    t = np.linspace(0, 1, 6)
+    drives = {"A.y": lambda t: 0.05 * jnp.sin(8 * t), "q": lambda t: 0.2 * t**2}
+    run = nc.simulate(m.compile(), t, inputs=drives, method="dopri8", rtol=1e-10)
+    place = [lambda t: jnp.cos(drives["q"](t)), lambda t: drives["A.y"](t) + jnp.sin(drives["q"](t))]
+    x, y = (jax.jit(jax.grad(jax.grad(f))) for f in place)
+
+    def swing(t, state):  # of a point on a bar of length one that hangs on B
+        return [state[1], float(x(t)) * np.sin(state[0]) - (float(y(t)) + G) * np.cos(state[0])]
+
+    right = solve_ivp(swing, (0, 1), [-np.pi / 2, 0.0], t_eval=t, rtol=1e-10, atol=1e-11).y[0]
+    assert np.abs(np.asarray(run["r"]) - right).max() <= 1e-7
