@@ -358,12 +358,13 @@ class Descent(Shown, Leaves):
         def looked_at(y: Array) -> Array:
             nonlocal searches
             searches = True
-            return merit_of(y)
+            return jnp.sum(y)
 
         # An optimiser that gives unknowns rates of their own would be turned along a bound by the gradient across it.
-        moves, after = self.optimiser.updates(bounds.slope_along(y, slope), memory, y, merit, looked_at)
-        if searches:  # along lines: then it has to know the gradient of what it looks at
-            moves, after = self.optimiser.updates(slope, memory, y, merit, merit_of)
+        # One that searches along lines has to know the gradient of what it looks at.
+        jax.eval_shape(lambda: self.optimiser.updates(slope, memory, y, merit, looked_at))  # nothing of the loss
+        along = slope if searches else bounds.slope_along(y, slope)
+        moves, after = self.optimiser.updates(along, memory, y, merit, merit_of)
         moves = jnp.where(jnp.isfinite(moves), moves, 0.0)
         after = jax.tree.map(_strong, after, memory)
         trial = bounds.project(y + share * moves)

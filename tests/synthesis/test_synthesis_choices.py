@@ -131,9 +131,9 @@ def test_a_front_does_not_depend_on_the_sizes_of_its_objectives():
     for one, two, weights in ((1.0, 1.0, None), (2.0, 5.0, None), (1.0, 1.0, (4.0, 25.0)), (1.0, 1e4, None)):
         both = [lambda x, k=one: k * (x["psi"][0] - 1.2), lambda x, k=two: k * (x["C"][-1, 1] - 2.0)]
         goal = S.Objective(m, both, turn, weights=weights, input="phi", **free)
-        front = S.pareto(goal, points=6, starts=60, refine=6, key=jax.random.key(1))
+        front = S.pareto(goal, points=5, starts=30, refine=4, key=jax.random.key(1))
         x, y = np.array([[d.system["B"][0], d.system["C"][1]] for d in front.designs]).T
-        assert len(x) == 6 and np.all(np.diff(x) > 0) and (x[0], x[-1]) == pytest.approx((0.3, 0.8), abs=1e-6)
+        assert len(x) == 5 and np.all(np.diff(x) > 0) and (x[0], x[-1]) == pytest.approx((0.3, 0.8), abs=1e-6)
         np.testing.assert_allclose(y, 2.4, atol=1e-6)
         np.testing.assert_allclose(np.diff(front.values[:, 1], 2), 0.0, atol=1e-6 * two)  # evenly spaced
         for design, values in zip(front.designs, front.values, strict=True):
@@ -155,7 +155,7 @@ def test_the_least_error_of_a_front_does_not_depend_on_the_unit_of_length():
         path = nc.sweep(m.compile(), {"phi": turn + 0.1})["P"] + 0.01 * unit * np.c_[np.cos(turn), np.sin(2 * turn)]
         goal = S.PathGeneration(m, "P", path, timing=turn, free=["B", "C", "P"])
         rod = {"rod": lambda motion: motion["C"][0] - motion["B"][0]}
-        found.append(S.pareto(goal, rod, points=3, starts=60, refine=6, key=jax.random.key(1)).values[0] / unit)
+        found.append(S.pareto(goal, rod, points=3, starts=30, refine=4, key=jax.random.key(1)).values[0] / unit)
     np.testing.assert_allclose(found[1], found[0], rtol=1e-5)
 
 

@@ -226,7 +226,7 @@ def test_conditions_that_cannot_hold_are_refused(make, said):
 def test_what_holds_back_between_poses_is_named():
     """A region just touched in the poses of the search is not touched in the finer ones of the judge."""
     asked = [S.crank_turns(), S.clear_of([(-9.0, -9.0), (9.0, 0.5)], width=0.1)]
-    found = S.solve(path(subject_to=asked), starts=40, refine=3, keep=1, iterations=10, progress=False).designs[0]
+    found = S.solve(path(subject_to=asked), starts=40, refine=8, keep=1, iterations=5, progress=False).designs[0]
     assert found.error > 1e-5 and any("clear of" in name for name in found.binding)
 
 

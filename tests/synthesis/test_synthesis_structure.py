@@ -67,7 +67,7 @@ def suspension(k: float):
 
 @pytest.mark.parametrize("make", [path, function, suspension])
 def test_a_second_problem_of_the_same_shape_traces_nothing(make):
-    settings = {"starts": 4, "refine": 2, "iterations": 8, "progress": False}
+    settings = {"starts": 4, "refine": 2, "iterations": 3, "progress": False}
     if not worked(lambda: S.solve(make(0.0), **settings)):  # a test before has solved one of the same shape
         jax.clear_caches()
         assert worked(lambda: S.solve(make(0.0), **settings)), "or else this test would see nothing"

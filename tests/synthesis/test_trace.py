@@ -163,7 +163,7 @@ def test_poses_are_spread_along_the_curve(small):
 def test_a_pool_has_few_designs_of_one_candidate(small, brief):
     target, terms = Curve.of(heart(), True), searching._Terms.of([], (6,))
     search = searching._Search(target, terms, small, 6, None, np.random.default_rng(0))
-    for _ in range(6):
+    for _ in range(4):
         search.round()
     assert len(search.line) == len(search.cost) == len(search.pool.row)
     _, count = np.unique(search.line, return_counts=True)
@@ -175,7 +175,7 @@ def test_timings_give_the_range_of_a_crank_in_every_round(small, brief):
     points = np.stack([3.0 * u, np.sin(5.0 * u) + u**2], axis=1)
     search = searching._Search(Curve.of(points, False, 2.5 * u), searching._Terms.of([], (6,)), small, 6, None,
                                np.random.default_rng(0))  # fmt: skip
-    for _ in range(4):
+    for _ in range(2):
         search.round()
     assert np.ptp(search.pool.row[:, -2]) > 0.1  # where it begins is sought
     np.testing.assert_allclose(search.pool.row[:, -1], 2.5, rtol=1e-12)
@@ -240,7 +240,7 @@ def test_falling_timings_leave_the_points_as_given(small, brief):
     drawn = next(d for d in unseen(4, 5, seed=2) if d.chain.name == "four-bar")
     z = drawn.trace(np.linspace(2.0, 6.5, 15))[::-1]
     points = np.stack([z.real, z.imag], axis=1)
-    result = nc.synthesis.trace(points, False, np.linspace(6.5, 2.0, 15), (4,), seconds=1, source=small)
+    result = nc.synthesis.trace(points, False, np.linspace(6.5, 2.0, 15), (4,), seconds=0.1, source=small)
     np.testing.assert_array_equal(result.points, points)
 
 
@@ -253,7 +253,7 @@ def test_points_that_are_not_looked_at_on_the_way_are_judged(small, brief):
     aside = np.setdiff1d(np.arange(129), Curve.of(np.stack([z.real, z.imag], axis=1), False).sample)
     moved = z.copy()
     moved[aside] += 0.3 * size
-    points, more = np.stack([moved.real, moved.imag], axis=1), {"bars": (4,), "seconds": 1, "source": small}
+    points, more = np.stack([moved.real, moved.imag], axis=1), {"bars": (4,), "seconds": 0.3, "source": small}
     best = nc.synthesis.trace(points, False, timing, **more).best
     found = np.asarray(nc.sweep(best.system, {"phi": best.travel[0] + timing - timing[0]})["P"])
     error = np.sqrt(np.mean(np.sum((found - points) ** 2, axis=1))) / Curve.of(points, False).size
@@ -308,7 +308,7 @@ def test_links_keep_clear_of_a_ceiling(small, brief):
     after = nc.synthesis.trace(heart(), True, subject_to=[clear_of(ceiling, width=width)], **how)
     told = {}
     for result in (before, after):
-        for design in result.designs[:6]:
+        for design in result.designs[:3]:
             motion, least = design.move(2001), np.inf
             for body in design.mechanism.model.bodies.values():
                 places = np.stack([np.asarray(motion[name]) for name in body.points])
@@ -325,7 +325,7 @@ def test_links_keep_clear_of_a_ceiling(small, brief):
 
 def test_a_crank_may_keep_clear_of_what_encloses_the_curve(small, brief):
     """The crank's circle lies beyond the box, which holds the heart and what traces it."""
-    box, how = [(2.5, 0.5), (3.5, 1.5)], {"bars": (4,), "seconds": 1, "source": small, "sliders": False}
+    box, how = [(2.5, 0.5), (3.5, 1.5)], {"bars": (4,), "seconds": 0.3, "source": small, "sliders": False}
     result = nc.synthesis.trace(heart(), True, subject_to=[clear_of(box, links="crank")], **how)
     for design in result.designs:
         pivot, pin = (np.asarray(design.system[p]) for p in design.mechanism.model.bodies["crank"].points[:2])
