@@ -110,7 +110,7 @@ def assemble_pose(system: System, state: PyTree, throw: bool = True) -> Array:
                 f"elsewhere, or give places to start near to, state={{'P': (x, y)}}"
             )
         return found.q
-    q = start_of(system, derive(system), state, "state")
+    q = start_of(system, derive(system), state, what="state")
     if not is_concrete(system, q):
         return attach_drawing(system, q, state)
     if throw:

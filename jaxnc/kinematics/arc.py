@@ -276,8 +276,8 @@ def _prepare(system: System, names, hold, start) -> tuple[HostView, np.ndarray]:
     make_plan(system, names, hold)  # the same checks of names and counts as a sweep
     check_parameters(system)
     eq = derive(system)
-    q = np.asarray(start_of(system, eq, start))
     held = (hold,) if isinstance(hold, str) else tuple(hold)
+    q = np.asarray(start_of(system, eq, start, held))
     view = HostView(plan(system.topology, (), held), from_jax(eq))
     size = float(np.max(np.abs(view.eq.residual(q[:, None])), initial=0.0))
     if not meets(eq, q, size):

@@ -361,14 +361,8 @@ def _solve_question(question: _Question, method: str, start: Any, solve: Callabl
 def _follow_inputs(repair: bool, throw: bool, question: _Question, start: Motion | Inputs | None) -> Motion:
     """Follow a sequence of inputs along one branch."""
     view, eq = question.view, derive(question.system)
-    for coordinate in question.system.topology.named(view.held):
-        point = coordinate.rpartition(".")[0]
-        if point and isinstance(start, Mapping) and isinstance(start.get(point), Tracer):
-            raise InputError(  # the start is the assembly that is nearest to all that is given
-                f"a sweep is not differentiated by the place of {point!r} in its start, where {coordinate!r} is held: "
-                f"give start={{{coordinate!r}: …}}"
-            )
-    drawn = start_of(question.system, eq, jax.tree.map(_without_slope, start), repair=repair)
+    held = question.system.topology.named(view.held)
+    drawn = start_of(question.system, eq, jax.tree.map(_without_slope, start), held, repair=repair)
     q0 = _with_slopes_of_held(question.system, view, eq, drawn, drawn, start, ())
     found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
     motion = _check_rolling(question.answer(found))
@@ -490,17 +484,19 @@ def start_of(
     system: System,
     eq: Equations,
     start: Motion | Mapping[str, Any] | None,
+    held: Sequence[str] = (),
     what: str = "start",
     repair: bool = True,
 ) -> Array:
     """Find the pose an analysis begins with: the assembled drawing, an earlier pose, or the one closest to a guess.
 
-    `what` is what messages call it; without `repair` traced code does not ask the host.
+    What is `held` has the value that a guess names, or else that of the drawing. `what` is what messages call it;
+    without `repair` traced code does not ask the host.
     """
     q = settle(eq, np.zeros(len(system.topology.coordinates)), repair).q
     if start is None:
         return q
-    q = start_poses(system.topology, eq, q, start, what=what)
+    q = start_poses(system.topology, eq, q, start, held=held, what=what)
     if isinstance(start, Motion):
         return q
     return settle(eq, q - (np.asarray(eq.home) if isinstance(q, np.ndarray) else eq.home), repair).q

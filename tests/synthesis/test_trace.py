@@ -253,7 +253,7 @@ def test_points_that_are_not_looked_at_on_the_way_are_judged(small, brief):
     aside = np.setdiff1d(np.arange(129), Curve.of(np.stack([z.real, z.imag], axis=1), False).sample)
     moved = z.copy()
     moved[aside] += 0.3 * size
-    points, more = np.stack([moved.real, moved.imag], axis=1), {"bars": (4,), "seconds": 0.3, "source": small}
+    points, more = np.stack([moved.real, moved.imag], axis=1), {"bars": (4,), "seconds": 1, "source": small}
     best = nc.synthesis.trace(points, False, timing, **more).best
     found = np.asarray(nc.sweep(best.system, {"phi": best.travel[0] + timing - timing[0]})["P"])
     error = np.sqrt(np.mean(np.sum((found - points) ** 2, axis=1))) / Curve.of(points, False).size
@@ -325,7 +325,7 @@ def test_links_keep_clear_of_a_ceiling(small, brief):
 
 def test_a_crank_may_keep_clear_of_what_encloses_the_curve(small, brief):
     """The crank's circle lies beyond the box, which holds the heart and what traces it."""
-    box, how = [(2.5, 0.5), (3.5, 1.5)], {"bars": (4,), "seconds": 0.3, "source": small, "sliders": False}
+    box, how = [(2.5, 0.5), (3.5, 1.5)], {"bars": (4,), "seconds": 1, "source": small, "sliders": False}
     result = nc.synthesis.trace(heart(), True, subject_to=[clear_of(box, links="crank")], **how)
     for design in result.designs:
         pivot, pin = (np.asarray(design.system[p]) for p in design.mechanism.model.bodies["crank"].points[:2])
