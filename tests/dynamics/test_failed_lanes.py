@@ -28,7 +28,7 @@ def effort(system):
 
 
 def end(system):
-    run = nc.simulate(system, TIMES, rates={"phi": 1.0}, rtol=1e-9)
+    run = nc.simulate(system, TIMES, method="rk4", step=0.01, rates={"phi": 1.0})
     return jnp.sum(run["C"][-1]), run.status[-1]
 
 
