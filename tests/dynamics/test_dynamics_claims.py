@@ -144,9 +144,10 @@ def test_freedoms_beside_a_driven_one_start_with_the_least_kinetic_energy():
     def by_hand(mass):
         return 2.0 / length * (rope / 2 + mass) * length * speed / ((rope / 3 + mass) * length**2) * -1.0
 
-    assert float(turning(load)) == pytest.approx(by_hand(load), rel=1e-12)
+    found, change = jax.jvp(turning, (load,), (1.0,))
+    assert float(found) == pytest.approx(by_hand(load), rel=1e-12)
     slope = (by_hand(load + 1e-6) - by_hand(load - 1e-6)) / 2e-6
-    assert float(jax.grad(turning)(load)) == pytest.approx(slope, rel=1e-6)
+    assert float(change) == pytest.approx(slope, rel=1e-6)
 
 
 @pytest.mark.parametrize("crank", [2.0, None])

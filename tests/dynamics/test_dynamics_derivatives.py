@@ -238,7 +238,7 @@ def double():
 def test_what_an_input_closes_over_has_derivatives_in_both_directions():
     """The acceleration of an input moves all else; mapped, and forward as it is called.
 
-    In reverse, compiled or not: with the next test.
+    In reverse as it is called: with the next test.
     """
     start = float(np.arctan2(-0.2, 0.3))
 
@@ -270,12 +270,11 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
     for most in (runs._KEPT, 0):
         monkeypatch.setattr(runs, "_KEPT", most)
         slope = jax.grad(far, argnums=tuple(range(len(given))))
-        gradients += [slope(*given), *([nc.jit(slope)(*given)] if most and step is None else [])]
+        gradients.append(slope(*given))
         assert bool(kept) == (most > 0)
         kept.clear()
-    for other in gradients[1:]:
-        for a, b in zip(jax.tree.leaves(gradients[0]), jax.tree.leaves(other), strict=True):
-            assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
+    for a, b in zip(*map(jax.tree.leaves, gradients), strict=True):
+        assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
     if step is None:
         run = nc.jit(lambda rate, t: far(double(), rate, t))  # one program for all differences
         ends = [run(0.7 + h, T) for h in (1e-4, -1e-4)]
@@ -289,15 +288,15 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
 def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_a_lane_that_fails_passes_no_derivative_on(monkeypatch):
     """One design asks the host; several are JAX's. Second derivatives: kinematics/test_derivative_orders.py.
 
-    A spring far too stiff for its step is data among others: its state overflows, its derivatives are zero.
+    A spring far too stiff for its step is data among others: its state overflows, its derivatives are zero. A weight
+    on a spring compiles soonest; lanes that assemble a loop: dynamics/test_failed_lanes.py.
     """
     asked, plain = [], runs.pull_back_design
     monkeypatch.setattr(runs, "pull_back_design", lambda *given: (asked.append(1), plain(*given))[1])
-    m = nc.Mechanism("pendulum")
+    m = nc.Mechanism("weight")
     a, b = m.ground("A", (0, 0)), m.point("B", (1, 0))
-    m.body("bar", [a, b], mass=1.0)
-    m.angle("phi", at=a, to=b)
-    m.spring("k", "phi", stiffness=1.0)
+    m.point_mass("mass", b, 1.0)
+    m.spring("k", a, b, stiffness=50.0, free=0.8)
     m.gravity = (0.0, -9.81)
     system = m.compile()
 
@@ -307,10 +306,10 @@ def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_a_lane_that_fails_pa
 
     def end(stiffness, place):
         found = run(stiffness, place)
-        return found["phi"][-1], found.status[-1]
+        return jnp.sum(found["B"][-1]), found.status[-1]
 
     gradient = nc.jit(jax.grad(end, argnums=(0, 1), has_aux=True))  # traced once for what maps it too
-    stiffness, places = np.array([1.0, 1e12, 3.0]), np.array([[1.0, 0.0], [1.0, 0.0], [0.7, -0.35]])
+    stiffness, places = np.array([50.0, 1e50, 70.0]), np.array([[1.0, 0.0], [1.0, 0.0], [1.1, -0.6]])
     each = [gradient(k, a) for k, a in zip(stiffness, places, strict=True)]
     assert len(asked) >= 2
     (slopes, by_place), statuses = nc.jit(jax.vmap(gradient))(stiffness, places)
@@ -320,6 +319,6 @@ def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_a_lane_that_fails_pa
         assert int(each[k][1]) == 0
         np.testing.assert_allclose(slopes[k], each[k][0][0], rtol=1e-11)
         np.testing.assert_allclose(by_place[k], each[k][0][1], rtol=1e-11, atol=1e-13)
-        ends = [run(stiffness[k] + s, places[k])["phi"][-1] for s in (h, -h)]
+        ends = [np.sum(run(stiffness[k] + s, places[k])["B"][-1]) for s in (h, -h)]
         np.testing.assert_allclose(slopes[k], (ends[0] - ends[1]) / (2.0 * h), rtol=1e-8)  # of the difference
     assert slopes[1] == 0.0 and np.isfinite(by_place[1]).all()
