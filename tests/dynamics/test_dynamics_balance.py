@@ -281,7 +281,7 @@ def test_derivatives_of_such_frequencies():
     def lowest(k):
         return nc.linearise(system.replace({"first.stiffness": k}), coordinates=["t1", "t2"]).frequencies[0]
 
-    both = nc.jit(lambda k: jax.jvp(lowest, (k,), (1.0,)))  # in reverse: dynamics/test_dynamics_motion.py
+    both = nc.jit(jax.value_and_grad(lowest))
     slope, ends = float(both(1.0)[1]), [float(both(1.0 + h)[0]) for h in (-1e-4, 1e-4)]
     assert slope == pytest.approx((ends[1] - ends[0]) / 2e-4, rel=1e-6)
 

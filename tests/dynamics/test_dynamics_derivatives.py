@@ -238,7 +238,7 @@ def double():
 def test_what_an_input_closes_over_has_derivatives_in_both_directions():
     """The acceleration of an input moves all else; mapped, and forward as it is called.
 
-    In reverse as it is called: with the next test.
+    In reverse, compiled or not: with the next test.
     """
     start = float(np.arctan2(-0.2, 0.3))
 
@@ -270,11 +270,12 @@ def test_steps_that_were_kept_are_gone_back_through_as_steps_made_again(step, mo
     for most in (runs._KEPT, 0):
         monkeypatch.setattr(runs, "_KEPT", most)
         slope = jax.grad(far, argnums=tuple(range(len(given))))
-        gradients.append(slope(*given))
+        gradients += [slope(*given), *([nc.jit(slope)(*given)] if most and step is None else [])]
         assert bool(kept) == (most > 0)
         kept.clear()
-    for a, b in zip(*map(jax.tree.leaves, gradients), strict=True):
-        assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
+    for other in gradients[1:]:
+        for a, b in zip(jax.tree.leaves(gradients[0]), jax.tree.leaves(other), strict=True):
+            assert np.allclose(a, b, rtol=1e-9, atol=1e-12)
     if step is None:
         run = nc.jit(lambda rate, t: far(double(), rate, t))  # one program for all differences
         ends = [run(0.7 + h, T) for h in (1e-4, -1e-4)]
