@@ -22,6 +22,7 @@ that presses; where they cannot be, the joint locks. The sign of the sliding spe
 joint that sticks creeps at a part of that speed.
 """
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -776,14 +777,15 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
     if rack:
         scalars = scalars[::-1]  # the pinion's angle first
     wheels, starts = zip(*(_turning_bodies(ledger, joint, k, c) for k, c in enumerate(scalars)), strict=True)
-    carriers = frozenset.intersection(*starts) - {NOBODY, *wheels}
-    if NOBODY in wheels or len(carriers) != 1:
+    carriers = {}  # of those that hold what both are counted from, the ones in which both turn
+    for body in frozenset.intersection(*starts) - {NOBODY, *wheels} if NOBODY not in wheels else ():
+        bearings = [(_bearing(ledger, w, body), _bearing(ledger, body, w)) for w in wheels]
+        if None not in itertools.chain(*bearings):
+            carriers[body] = bearings
+    if not carriers or len(carriers) > 1 and GROUND not in carriers:
         return
-    (carrier,) = carriers
-    bearings = [(_bearing(ledger, w, carrier), _bearing(ledger, carrier, w)) for w in wheels]
-    keys = [tuple(k for k in pair if k is not None) for pair in bearings]
-    if min(map(len, keys)) < 2:
-        return
+    carrier = GROUND if GROUND in carriers else next(iter(carriers))
+    keys: list[tuple[Key, Key]] = carriers[carrier]
     place, force = (_on_rack if rack else _on_wheel)(ledger, j, b, i)
     key = key_of(joint)
     given = [wrench[key] for wrench in ledger.wrenches if key in wrench]
@@ -818,8 +820,7 @@ def _turning_bodies(ledger: Ledger, joint: JointIndex, k: int, c: int) -> tuple[
     if joint.sides[k][1:]:
         rest.remove(joint.sides[k][1:])
     at = (*points, *(~u for u in block.vectors[i]))
-    start = owner_of_segment(top, rest[0], at) if rest else GROUND
-    both = [set(item_holders(top).get(i, ())) for i in rest[0]] if start == NOBODY else [{start}]
+    both = [set(item_holders(top).get(i, ())) for i in rest[0]] if rest else [{GROUND}]
     return owner_of_segment(top, joint.sides[2 + k], at), frozenset(set.intersection(*both))
 
 

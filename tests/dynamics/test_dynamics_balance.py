@@ -206,6 +206,27 @@ def test_a_rack_on_an_arm_presses_on_the_pinions_bearing(shares):
     np.testing.assert_allclose(r.at("C", on="pinion").force[0], push, atol=1e-12)
 
 
+@pytest.mark.parametrize("start", [("H", "K"), "x"])
+def test_a_mesh_pushes_on_its_wheels_from_whatever_their_angle_is_counted(start):
+    """The arm is hinged to the ground about the vector x, which is as good a mark of it as its own line."""
+    m = nc.Mechanism("rack on an arm", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground_vector("x", (1, 0, 0)), m.ground_vector("y", (0, 1, 0))
+    m.point("H", (0, 0.3, 0)), m.point("K", (0.1, 0.3, 0)), m.point("T", (0.06, 0.36, 0)), m.point("R", (0.1, 0.35, 0))
+    m.vector("k", (0, 0, 1)), m.vector("j", (0, 1, 0)), m.vector("d", (1, 0, 0))
+    m.body("arm", ["O", "H", "K"], vectors=["x", "k", "j"])
+    m.body("pinion", ["H", "T"], vectors=["k"])
+    m.body("rack", ["R"], vectors=["j", "d"], mass=0.7, com=(0.1, 0.35, 0), inertia=np.diag([3e-3, 1e-3, 2e-3]))
+    m.prismatic("guide", line=("K", "j"), on="R", directions=("k", "d"))
+    m.angle("a", to="j", start="y", about="x"), m.angle("phi", at="H", to="T", start=start, about="k")
+    m.distance("s", "K", "R", along="j"), m.rack_and_pinion("mesh", "phi", "s", pressure_angle=0.35)
+    system = m.compile()
+    inputs = {"phi": lambda t: np.pi / 4 + 10.0 * t * t, "a": lambda t: 0.0 * t}  # the rack by 20 / s^2 * 0.1
+    r = nc.inverse_dynamics(system, nc.motion(system, inputs, np.array([0.0, 0.1]))).reactions
+    push = 0.7 * 2.0 * np.array([np.tan(0.35), 1.0, 0.0])
+    np.testing.assert_allclose(r.joint("mesh", on="rack").force[0], push, atol=1e-12)
+    np.testing.assert_allclose(r.at("H", on="pinion").force[0], push, atol=1e-12)
+
+
 def test_a_conical_pendulum_swings_about_its_steady_motion():
     """Ω² = ω² (sin² θ + 4 m l² sin² θ cos² θ / (I + m l² sin² θ)), where cos θ = g / (l ω²); the shaft is free."""
     length, mass, shaft, speed = 0.5, 2.0, 0.3, 6.0

@@ -242,6 +242,7 @@ class TestRobust:
         }
         for name, measure in measures.items():
             assert float(measure(system)) == pytest.approx(expected[name], rel=1e-12), name
+        assert float(jax.jit(measures["std"])(system)) == pytest.approx(expected["std"], rel=1e-12)
         slope = float(jax.grad(measures["std"])(system)["crank.A-B"])
         ends = [float(measures["std"](system.replace({"crank.A-B": 0.04 + h}))) for h in (-1e-6, 1e-6)]
         assert slope == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-6)

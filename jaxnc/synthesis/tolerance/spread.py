@@ -483,7 +483,7 @@ STATISTICS = ("mean", "std", "variance", "percentile", "worst")
 
 
 @public
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Robust:
     """A statistic of one number over the same sampled deviations of every design: call it with a system.
 
