@@ -782,7 +782,7 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
         bearings = [(_bearing(ledger, w, body), _bearing(ledger, body, w)) for w in wheels]
         if None not in itertools.chain(*bearings):
             carriers[body] = bearings
-    if not carriers or len(carriers) > 1 and GROUND not in carriers:
+    if not carriers or (len(carriers) > 1 and GROUND not in carriers):
         return
     carrier = GROUND if GROUND in carriers else next(iter(carriers))
     keys: list[tuple[Key, Key]] = carriers[carrier]
