@@ -26,7 +26,7 @@ from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array, ArrayLike, Inputs
-from jaxnc.validate import as_array
+from jaxnc.validate import as_array, as_traceable
 
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """What the usual length units are in metres."""
@@ -43,11 +43,9 @@ _USUAL = (0.04, 8.0)  # metres: sizes that a unit is proposed for
 
 def array(value: object, what: str) -> Any:
     """An array of a number, list or array, of the active type; traced values pass through."""
-    if isinstance(value, Tracer):
-        return jax.lax.convert_element_type(value, active())
     if _is_large(value) and value.dtype == active() and not value.weak_type:
         return value
-    return as_array(value, what, active())
+    return as_traceable(value, what, active())
 
 
 def _is_large(value: object) -> TypeGuard[jax.Array]:

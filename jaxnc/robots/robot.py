@@ -27,7 +27,7 @@ from jaxnc.system.frames import quaternions, turns
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
-from jaxnc.validate import as_array
+from jaxnc.validate import as_traceable
 
 
 @public
@@ -129,7 +129,7 @@ class Robot:
     def pose(self, values: Any, system: System | None = None, **options: Any) -> Motion:
         """Poses of the mechanism: points, vectors, angles, frames of links, from what `positions` takes."""
         system = self._own(self.system if system is None else system)
-        values = values if isinstance(values, Tracer) else as_array(values, "values of joints")
+        values = as_traceable(values, "values of joints")
         if values.ndim == 0 or values.shape[-1] != len(self.actuated):
             raise InputError(
                 f"{self.mechanism.name!r} is driven by {counted(len(self.actuated), 'joint')} "
