@@ -99,12 +99,13 @@ def whole(value: float, what: str, least: int = 1, most: int = 2**31 - 1) -> int
 
 
 def check_system(system: object, what: str) -> None:
-    """Refuse anything but a compiled system outside of traced code, before it fails further down."""
+    """Refuse anything but a compiled system of finite numbers outside of traced code, before it fails further down."""
     if not isinstance(system, System):
         kind = type(system).__name__
         hint = "call its compile() first" if kind == "Mechanism" else "m.compile() makes one"
         raise InputError(f"{what} needs a compiled System, got {kind}; {hint}")
     outside(system.parameters.points, what)
+    check_parameters(system)
 
 
 def outside(value: object, what: str) -> None:
@@ -207,7 +208,7 @@ def check_parameters(system: System, several: bool = False) -> None:
     if system.parameters.points.ndim > 2 and not several:
         raise InputError(
             f"{system.name!r}: these are {math.prod(system.parameters.points.shape[:-2])} designs in one, and this is "
-            f"for a single one: map it, jax.vmap(lambda design: …)(designs)"
+            f"for a single one: take x[0] of its leaves, or map it, jax.vmap(lambda design: …)(designs)"
         )
     _check_parameters(system)
 
