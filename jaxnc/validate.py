@@ -113,7 +113,7 @@ def as_traceable(value: object, what: str, dtype: "DTypeLike" = float) -> Any:
     """Return what `as_array` takes, or an array of JAX where it is traced or a list or tuple holds something traced."""
     try:
         try:
-            given = jnp.asarray(value) if isinstance(value, Tracer) else np.asarray(value)
+            given: Any = jnp.asarray(value) if isinstance(value, Tracer) else np.asarray(value)
         except jax.errors.TracerArrayConversionError:
             given = jnp.asarray(value)
         if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):

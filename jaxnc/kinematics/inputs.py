@@ -98,14 +98,14 @@ def whole(value: float, what: str, least: int = 1, most: int = 2**31 - 1) -> int
     return int(value)
 
 
-def check_system(system: object, what: str) -> None:
+def check_system(system: object, what: str, several: bool = False) -> None:
     """Refuse anything but a compiled system of finite numbers outside of traced code, before it fails further down."""
     if not isinstance(system, System):
         kind = type(system).__name__
         hint = "call its compile() first" if kind == "Mechanism" else "m.compile() makes one"
         raise InputError(f"{what} needs a compiled System, got {kind}; {hint}")
     outside(system.parameters.points, what)
-    check_parameters(system)
+    check_parameters(system, several)
 
 
 def outside(value: object, what: str) -> None:
