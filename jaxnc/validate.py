@@ -96,15 +96,26 @@ def as_array(value: object, what: str, dtype: "DTypeLike" = float) -> np.ndarray
     """Return a number, list or array that a user has given as an array; refuse what NumPy would only make numbers of.
 
     Args:
-        value: what was given; not traced.
+        value: what was given.
         what: what it is for, named as the user did.
         dtype: of the array.
 
     Raises:
-        InputError: it is None, a text, a date, complex, masked, or no number at all.
+        InputError: it is None, a text, a date, complex, masked, or no number at all; or it is traced.
     """
+    found = as_traceable(value, what, dtype)
+    if isinstance(found, Tracer):
+        raise InputError(f"{what} must be known, and JAX traces it here (by jit, grad or vmap): give it as a constant")
+    return found
+
+
+def as_traceable(value: object, what: str, dtype: "DTypeLike" = float) -> Any:
+    """Return what `as_array` takes, or an array of JAX where it is traced or a list or tuple holds something traced."""
     try:
-        given = np.asarray(value)
+        try:
+            given: Any = jnp.asarray(value) if isinstance(value, Tracer) else np.asarray(value)
+        except jax.errors.TracerArrayConversionError:
+            given = jnp.asarray(value)
         if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):
             raise TypeError
         if given.dtype == object and any(x is None or isinstance(x, str | bytes) for x in given.flat):
@@ -136,10 +147,8 @@ def as_shape(value: object, what: str, *shape: object, dtype: "DTypeLike" = floa
     Raises:
         InputError: it is no array of numbers, or of another shape.
     """
-    found = value if isinstance(value, jax.Array) and value.dtype == dtype else None
-    if found is None:
-        traced = isinstance(value, Tracer)
-        found = jnp.asarray(value, dtype) if traced else as_array(value, what, dtype)
+    ready = isinstance(value, jax.Array) and value.dtype == dtype
+    found: Any = value if ready else as_traceable(value, what, dtype)
     free = bool(shape) and shape[0] is Ellipsis
     wanted = shape[1:] if free else shape
     last = found.shape[len(found.shape) - len(wanted) :] if free else found.shape

@@ -2,6 +2,7 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 import jaxnc as nc
 from jaxnc.constraints import Kind, RateKind
 from jaxnc.forces import ForceKind
+from jaxnc.validate import as_array
 
 NO_NUMBER = r"the lambda \(test_validate.py, line \d+\) needs a number where JAX has none yet.* jax.numpy"
 IDEA = nc.library.four_bar()
@@ -158,3 +160,31 @@ def test_errors_of_a_function_itself_pass_through():
 def test_arguments_that_compile_does_not_take_are_named(given, said):
     with pytest.raises(nc.CallError, match=said):
         IDEA.compile(**given)
+
+
+_LISTS = {
+    "a place": lambda y: nc.solve_position(SYSTEM.replace({"B": (0.01, y)}), {"phi": 1.2})["C"][0],
+    "an input": lambda y: nc.sweep(SYSTEM, {"phi": [1.1, y + 1.1]})["C"][-1, 0],
+    "a rate": lambda y: nc.sweep(SYSTEM, {"phi": [1.1, 1.2]}, rates={"phi": (y, 1.0)}).velocity("C")[0, 0],
+    "a law in arrays": lambda y: nc.motion(SYSTEM, {"phi": ([1.1, y + 1.1], [0, 0], [0, 0])}, [0.0, 0.1])["C"][-1, 0],
+    "times": lambda y: nc.motion(SYSTEM, {"phi": lambda t: 1.0 + t}, [0.0, y])["C"][-1, 0],
+}
+
+
+@pytest.mark.parametrize("what", _LISTS)
+def test_a_list_may_hold_what_is_traced(what):
+    f, y, h = _LISTS[what], 0.1, 1e-5
+    np.testing.assert_allclose(jax.grad(f)(y), (f(y + h) - f(y - h)) / (2 * h), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(jax.jit(f)(y), f(y), rtol=1e-9)
+
+
+def test_a_start_may_hold_what_is_traced_and_what_is_no_number_is_still_refused():
+    def near(y):
+        return nc.solve_position(SYSTEM, {"phi": 1.2}, start={"C": (y, 0.1)})["C"]
+
+    np.testing.assert_allclose(jax.jit(near)(0.1), near(0.1), atol=1e-12)
+    for wrong in ((None, 0.1), (1j, 0.1), ((1.0,), 0.1)):
+        with pytest.raises(nc.InputError, match="'B' must be a number or an array of numbers"):
+            jax.jit(lambda y, wrong=wrong: SYSTEM.replace({"B": (wrong[0], y)})["B"])(0.1)
+    with pytest.raises(nc.InputError, match="room= must be known, and JAX traces it"):
+        jax.jit(lambda y: as_array([y, 1.0], "room="))(0.1)

@@ -19,6 +19,7 @@ from jaxnc.synthesis.function import FunctionGeneration
 from jaxnc.synthesis.path import MotionGeneration, PathGeneration, rotation_matrix
 from jaxnc.synthesis.problem import Problem
 from jaxnc.synthesis.search.stock import integer, stock
+from jaxnc.synthesis.validate import as_interval
 from jaxnc.vehicle.suspension import ATTITUDE
 
 
@@ -55,6 +56,10 @@ def _problem(said: Any, mechanism: Mechanism, folder: Path, source: Source) -> P
         "minimax": said.minimax,
         "subject_to": [_condition(c, mechanism, unit, k, source) for k, c in enumerate(said.conditions)],
     }
+    for name, pair in said.bounds.items():
+        with source.blamed(("bounds", name)):
+            for one in pair if any(isinstance(p, list) for p in pair) else [pair]:
+                as_interval(one, f"bounds of {name!r}")
     target, closed = _target(said, folder, source)
 
     def require(name: str) -> Any:

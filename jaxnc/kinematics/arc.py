@@ -9,7 +9,6 @@ from jaxnc.calls import public
 from jaxnc.constraints import DISTANCE_BETWEEN
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.kinematics.inputs import (
-    check_parameters,
     check_system,
     dense_only,
     doubt_degrees,
@@ -274,7 +273,6 @@ def _whole_curve(view: HostView, q: np.ndarray) -> TracedCurve:
 
 def _prepare(system: System, names, hold, start) -> tuple[HostView, np.ndarray]:
     make_plan(system, names, hold)  # the same checks of names and counts as a sweep
-    check_parameters(system)
     eq = derive(system)
     held = (hold,) if isinstance(hold, str) else tuple(hold)
     q = np.asarray(start_of(system, eq, start, held))

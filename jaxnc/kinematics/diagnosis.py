@@ -13,7 +13,6 @@ from jaxnc.kinematics.host_solve import end_of_way, never_moves
 from jaxnc.kinematics.inputs import (
     NEVER_MOVES,
     check_inputs,
-    check_parameters,
     check_system,
     dense_only,
     outside,
@@ -164,7 +163,6 @@ def diagnose(
     top = system.topology
     dense_only(system.topology, "diagnose")
     if inputs is None:
-        check_parameters(system)
         plan, values = free_plan(top), np.zeros(0)
     else:
         plan, values, _ = check_inputs(system, inputs, hold, unit)

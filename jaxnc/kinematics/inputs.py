@@ -26,7 +26,7 @@ from jaxnc.system.precision import active, limits
 from jaxnc.system.system import System
 from jaxnc.system.topology import LARGE, Topology
 from jaxnc.types import Array, ArrayLike, Inputs
-from jaxnc.validate import as_array
+from jaxnc.validate import as_array, as_traceable
 
 METRES = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 """What the usual length units are in metres."""
@@ -43,11 +43,9 @@ _USUAL = (0.04, 8.0)  # metres: sizes that a unit is proposed for
 
 def array(value: object, what: str) -> Any:
     """An array of a number, list or array, of the active type; traced values pass through."""
-    if isinstance(value, Tracer):
-        return jax.lax.convert_element_type(value, active())
     if _is_large(value) and value.dtype == active() and not value.weak_type:
         return value
-    return as_array(value, what, active())
+    return as_traceable(value, what, active())
 
 
 def _is_large(value: object) -> TypeGuard[jax.Array]:
@@ -100,13 +98,14 @@ def whole(value: float, what: str, least: int = 1, most: int = 2**31 - 1) -> int
     return int(value)
 
 
-def check_system(system: object, what: str) -> None:
-    """Refuse anything but a compiled system outside of traced code, before it fails further down."""
+def check_system(system: object, what: str, several: bool = False) -> None:
+    """Refuse anything but a compiled system of finite numbers outside of traced code, before it fails further down."""
     if not isinstance(system, System):
         kind = type(system).__name__
         hint = "call its compile() first" if kind == "Mechanism" else "m.compile() makes one"
         raise InputError(f"{what} needs a compiled System, got {kind}; {hint}")
     outside(system.parameters.points, what)
+    check_parameters(system, several)
 
 
 def outside(value: object, what: str) -> None:
@@ -209,7 +208,7 @@ def check_parameters(system: System, several: bool = False) -> None:
     if system.parameters.points.ndim > 2 and not several:
         raise InputError(
             f"{system.name!r}: these are {math.prod(system.parameters.points.shape[:-2])} designs in one, and this is "
-            f"for a single one: map it, jax.vmap(lambda design: …)(designs)"
+            f"for a single one: take x[0] of its leaves, or map it, jax.vmap(lambda design: …)(designs)"
         )
     _check_parameters(system)
 

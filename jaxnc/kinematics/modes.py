@@ -606,7 +606,7 @@ def modes(
             solutions.
     """
     one_thread("numpy")
-    check_system(system, "modes()")
+    check_system(system, "modes()", several=True)
     view, values, _ = check_inputs(system, inputs, hold, unit, several=True)
     values, shape = np.asarray(values, float), values.shape[:-1]
     if shape or system.parameters.points.ndim > 2:

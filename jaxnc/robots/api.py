@@ -9,6 +9,7 @@ import numpy as np
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError
 from jaxnc.io.target import file_name, write
+from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.robots.export_tree import ExportTree
@@ -232,6 +233,7 @@ def _make_tree(mechanism: Mechanism, at: System | Motion | None) -> tuple[Export
         if not isinstance(at, System | None):
             raise InputError(f"at= is a System or a Motion, got {type(at).__name__}")
         system = mechanism.compile() if at is None else at
+        check_system(system, "at=")
         driven = tuple(mechanism.model.run.inputs) or system.topology.scalars
         eq = derive(system)
         found = settle(eq, np.zeros(len(system.topology.coordinates)))

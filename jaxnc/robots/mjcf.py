@@ -5,7 +5,7 @@ That reader knows defaults, includes, frames, units and orientations.
 
 import struct
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -333,12 +333,15 @@ class MjcfFile:
         self._close(spec, tree, design)
         for (k, name), mark in tree.marks.items():
             if name and mark in design.changed:
-                link = tree.description.links[k]
-                sites[name].pos = link.turn.T @ (design.places[mark] - link.origin)
+                sites[name].pos = _place_in(tree, design, k, mark)
         try:
-            spec.compile()
+            made = spec.compile()
         except ValueError as error:
             raise self.fault(f"MuJoCo refuses this design: {_one_line(error)}") from None
+        for name, place, why in self._sites_wanted(tree, design):
+            # of the size: the file has no more digits
+            if np.linalg.norm(made.site_pos[sites[name].id] - place) > 1e-7 * tree.size:
+                raise InputError(f"save(): site {name!r} {why}")
         return write(path, spec.to_xml().encode())
 
     def _join(self, spec: Any, tree: ImportTree, design: MovedPlaces, k: int) -> None:
@@ -390,7 +393,7 @@ class MjcfFile:
 
     def _close(self, spec: Any, tree: ImportTree, design: MovedPlaces) -> None:
         """Move the places where loops are closed."""
-        links, model, site = tree.description.links, self.model, self.mujoco.mjtObj.mjOBJ_SITE
+        model, site = self.model, self.mujoco.mjtObj.mjOBJ_SITE
         loops = {loop.name: loop for loop in tree.description.loops}
         equalities, bodies, sites = ({e.id: e for e in of} for of in (spec.equalities, spec.bodies, spec.sites))
         for i, name in enumerate(self.names("EQUALITY", range(model.neq))):
@@ -398,7 +401,7 @@ class MjcfFile:
             if not design.changed.intersection(pins):
                 continue
             ends = loops[name].first, loops[name].second
-            places = [links[k].turn.T @ (design.places[p] - links[k].origin) for k, p in zip(ends, pins, strict=True)]
+            places = [_place_in(tree, design, k, p) for k, p in zip(ends, pins, strict=True)]
             element = equalities[i]
             if int(model.eq_objtype[i]) == int(site):
                 for number, place in zip((model.eq_obj1id[i], model.eq_obj2id[i]), places, strict=True):
@@ -410,6 +413,30 @@ class MjcfFile:
                 for word, k, place in zip(names, ends, places, strict=True):
                     bodies[k].add_site(name=word, pos=place)
                 element.objtype, (element.name1, element.name2) = site, names
+
+    def _sites_wanted(self, tree: ImportTree, design: MovedPlaces) -> Iterator[tuple[str, np.ndarray, str]]:
+        """List where the file must have sites, in their links, each with what is wrong where it has one elsewhere."""
+        model, equalities = self.model, self.names("EQUALITY", range(self.model.neq))
+        for loop in tree.description.loops:
+            i, pins = equalities.index(loop.name), tree.pins.get(loop.name, ())
+            by_sites = int(model.eq_objtype[i]) == int(self.mujoco.mjtObj.mjOBJ_SITE)
+            for end, number in enumerate((int(model.eq_obj1id[i]), int(model.eq_obj2id[i])) if by_sites else ()):
+                place = model.site_pos[number]
+                if design.changed.intersection(pins):
+                    place = _place_in(tree, design, (loop.first, loop.second)[end], pins[end])
+                where = f"at {pins[end]!r}" if pins else "where the file has it"
+                why = f"closes {loop.name!r} {where}, and this design has it elsewhere: move what is at one place alike"
+                yield self.name("SITE", number), place, why
+        for (k, name), mark in tree.marks.items():
+            if name and mark in design.changed:
+                why = "stands in a <frame>, or has fromto=: give it pos= alone, to save designs of it"
+                yield name, _place_in(tree, design, k, mark), why
+
+
+def _place_in(tree: ImportTree, design: MovedPlaces, k: int, name: str) -> np.ndarray:
+    """Return a place of a design in the frame of a link."""
+    link = tree.description.links[k]
+    return link.turn.T @ (design.places[name] - link.origin)
 
 
 def _read_in_pose(path: Path, qpos: np.ndarray) -> MjcfFile:

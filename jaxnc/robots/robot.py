@@ -14,6 +14,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import in_one_program
 from jaxnc.errors import AssemblyError, InputError, MechanismError, ModelFileError, counted
 from jaxnc.families.shapes import rotation_rows
+from jaxnc.kinematics.inputs import check_system
 from jaxnc.kinematics.instant import as_jax, body_of
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
@@ -27,7 +28,7 @@ from jaxnc.system.frames import quaternions, turns
 from jaxnc.system.on_lanes import on_host
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Float, Numbers
-from jaxnc.validate import as_array
+from jaxnc.validate import as_traceable
 
 
 @public
@@ -129,7 +130,7 @@ class Robot:
     def pose(self, values: Any, system: System | None = None, **options: Any) -> Motion:
         """Poses of the mechanism: points, vectors, angles, frames of links, from what `positions` takes."""
         system = self._own(self.system if system is None else system)
-        values = values if isinstance(values, Tracer) else as_array(values, "values of joints")
+        values = as_traceable(values, "values of joints")
         if values.ndim == 0 or values.shape[-1] != len(self.actuated):
             raise InputError(
                 f"{self.mechanism.name!r} is driven by {counted(len(self.actuated), 'joint')} "
@@ -221,7 +222,7 @@ class Robot:
 
         Places of joints, axes, sites and loop constraints are those of the design's drawing; links keep their frames,
         and everything else in the file stays as it is. Meshes are named as they were: keep the file in the same folder.
-        MuJoCo writes numbers to about seven digits.
+        MuJoCo writes numbers to six digits.
 
         Args:
             path: where to; a file name of the same ending.
@@ -233,6 +234,7 @@ class Robot:
             OutputError: the file cannot be written.
         """
         system = self._own(self.system if system is None else system)
+        check_system(system, "save()")
         for name in ("physical", "dimensions"):
             if not np.array_equal(getattr(system.parameters, name), getattr(self.system.parameters, name)):
                 raise InputError(
@@ -244,10 +246,13 @@ class Robot:
         if apart.max(initial=0.0) > 1e-7 * float(derive(system).length):  # of the size: the file has no more digits
             farthest = int(np.argmax(apart))
             (owner, *_) = top.row_owners[farthest]
+            first, second = self._tree.pins.get(top.called(owner), ("", ""))
+            told = (
+                "what slides on a line that was moved along" if first == second else f"{first!r} and {second!r} alike"
+            )
             raise InputError(
                 f"{self.mechanism.name!r}: this design assembles elsewhere than it is drawn, off {owner.thing.noun} "
-                f"{top.called(owner)!r} by {apart[farthest]:.3g}, and a file has the drawing: "
-                "move what slides on a line that was moved along"
+                f"{top.called(owner)!r} by {apart[farthest]:.3g}, and a file has the drawing: move {told}"
             )
         places, before = _named_places(system), _named_places(self.system)
         changed = {name for name, at in places.items() if not np.array_equal(at, before[name])}

@@ -15,7 +15,14 @@ from jaxnc.kinematics.mobility import grashof_type
 from jaxnc.kinematics.motion import Motion
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism import model as record
-from jaxnc.synthesis.conditions import LEAST_TRANSMISSION, AnyTransmission, OnlyCircuit, TransmissionAngle, is_four_bar
+from jaxnc.synthesis.conditions import (
+    LEAST_TRANSMISSION,
+    AnyTransmission,
+    OnlyCircuit,
+    Own,
+    TransmissionAngle,
+    is_four_bar,
+)
 from jaxnc.synthesis.evaluate import MEETS, MovedDesign, follow_again, meeting_sines, move_designs, violation
 from jaxnc.synthesis.loops import four_bar_loop, link_lengths
 from jaxnc.synthesis.problem import Problem
@@ -300,14 +307,19 @@ def _binding(problem: Problem, told: _Numbers, one: MovedDesign) -> list[str]:
 
 
 def worst_conditions(problem: Problem, x: np.ndarray) -> str:
-    """The conditions that a design misses, worst first, and by how much."""
+    """The conditions that a design misses, worst first, and by how much, in words that say how that is counted."""
     told = _read_numbers(problem, follow_again(problem, move_designs(problem, [x])[0]))
     far = {problem.rule[0]: float(np.max(-told.own, initial=0.0))}
     for c, values in zip(problem.conditions, told.conditions, strict=True):
         far[c.name] = max(far.get(c.name, 0.0), float(np.max(violation(values, c.equality), initial=0.0)))
     worst = sorted((n for n in far if far[n] > MEETS), key=lambda n: -far[n])
     more = f" and {len(worst) - NAMED} more" if len(worst) > NAMED else ""
-    return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:NAMED]) + more
+    own = {c.name: c.equality for c in problem.conditions if isinstance(c, Own)}
+    counted = [] if {*worst} <= {*own} else ["of the size; of angles the sine"]
+    if missed := [n for n in worst if n in own]:
+        sign = "" if all(own[n] for n in missed) else ", which must not be negative"
+        counted.append(f"of a condition of your own in its function's numbers{sign}")
+    return ", ".join(f"{n} by {far[n]:.2g}" for n in worst[:NAMED]) + f"{more} ({'; '.join(counted)})" if worst else ""
 
 
 # -- as a description --------------------------------------------------------------------------------------------------

@@ -164,17 +164,14 @@ class Result(Shown):
             )
         if self.nearest is not None:
             worst = worst_conditions(self.problem, self.nearest[1])
-            worst = (
-                worst
-                or f"one of them by {self.nearest[0]:.2g} at the {self.problem.poses} poses that a search looks at"
+            worst = worst or (
+                f"one of them by {self.nearest[0]:.2g} (of the size; of angles the sine) at the {self.problem.poses} "
+                f"poses that a search looks at"
             )
             more = "more starts or iterations are needed"
             if self.nearest[0] > 1e-3:  # a design that comes so near does not come up against a contradiction
                 more = f"They contradict each other or the bounds, or {more}"
-            return (
-                f"no design meets the conditions; the closest one misses {worst} (of the size; of angles the sine). "
-                f"{more[0].upper()}{more[1:]}"
-            )
+            return f"no design meets the conditions; the closest one misses {worst}. {more[0].upper()}{more[1:]}"
         return "no design reaches all targets; more starts, wider bounds or another mechanism are needed"
 
     def _describe_miss(self, best: Design) -> str:

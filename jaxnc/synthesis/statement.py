@@ -1,7 +1,7 @@
 """The part of a problem's statement that all kinds share: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -201,7 +201,7 @@ def choose_variables(
             check_name(name, known, f"{what}: bounds for {name!r}, which is no design variable")
             raise InputError(f"{what}: bounds for {name!r}, which is not free; add it to free=")
         each = [pair] * len(places)
-        if len(places) > 1 and np.ndim(pair) and any(np.ndim(p) == 1 for p in pair):
+        if len(places) > 1 and _is_row(pair) and any(_is_row(p) for p in pair):
             if len(pair) != len(places):
                 raise InputError(
                     f"{what}: bounds of {name!r} are {len(pair)} pairs for {len(places)} components that are free, "
@@ -211,6 +211,11 @@ def choose_variables(
         for i, one in zip(places, each, strict=True):
             low[i], high[i] = as_interval(one, f"{what}: bounds of {names[i]!r}")
     return Variables(names, at, home, scale, low, high, free is not None)
+
+
+def _is_row(value: Any) -> bool:
+    """Tell whether a value is a list or array; of an uneven list NumPy makes no array."""
+    return isinstance(value, list | tuple) or np.ndim(value) > 0
 
 
 def set_up(

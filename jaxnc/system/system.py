@@ -13,7 +13,7 @@ from jaxnc import validate
 from jaxnc.calls import public
 from jaxnc.compiling import on_device
 from jaxnc.constraints import UNIT
-from jaxnc.errors import InputError, JaxncError, counted, is_traced, list_first, nearest
+from jaxnc.errors import InputError, JaxncError, counted, list_first, nearest
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
@@ -115,10 +115,14 @@ class System(Drawn):
     def __getitem__(self, name: str) -> Array:
         """The drawn place of a point or marker, the drawn vector, the value of a dimension, a mass, a stiffness.
 
-        Of stacked designs, and of a Jacobian that has a system's form, it has their leading axes.
+        Of stacked designs, and of a Jacobian that has a system's form, it has their leading axes. Of a Hessian it is a
+        row, again a system: ``jax.hessian(f)(system)["B"]["C"]``.
         """
         leaf, i = self._locate(name)
         values = getattr(self.parameters, leaf)
+        if isinstance(values, System):
+            lead = values._designs("points")[: -1 if leaf in _NUMBERS else -2]  # before the axes of this row
+            return jax.tree.map(lambda x: x[(*lead, i)], values)
         return values[i] if leaf == "own" else values[(*self._designs(leaf), i)]
 
     def _designs(self, leaf: str) -> tuple[slice, ...]:
@@ -141,7 +145,7 @@ class System(Drawn):
         """
         leaves = {leaf: getattr(self.parameters, leaf) for leaf in _LEAVES}
         own = list(self.parameters.own)
-        changed: dict[str, dict[int, ArrayLike]] = {}
+        changed: dict[str, dict[int, Any]] = {}
         for name, value in {**(values or {}), **more}.items():
             leaf, i = self._locate(name)
             if leaf == "own":
@@ -149,24 +153,23 @@ class System(Drawn):
                 continue
             lead, shape = len(self._designs(leaf)), leaves[leaf].shape
             want = (*shape[:lead], *shape[lead + 1 :])
-            if not isinstance(value, Tracer) and not is_traced(value):
-                validate.as_array(value, f"design variable {name!r}", leaves[leaf].dtype)
-            if np.shape(value) != want:
-                raise InputError(f"design variable {name!r} has shape {want}, got {np.shape(value)}")
+            new = validate.as_traceable(value, f"design variable {name!r}", leaves[leaf].dtype)
+            if new.shape != want:
+                raise InputError(f"design variable {name!r} has shape {want}, got {new.shape}")
             positive = leaf == "dimensions" and self.topology.given[i].quantity is Quantity.LENGTH
-            if positive and not isinstance(value, Tracer) and not np.all(np.asarray(value) > 0):
+            if positive and not isinstance(new, Tracer) and not np.all(new > 0):
                 raise InputError(f"design variable {name!r} is a length and must be positive, got {value!r}")
-            if leaf == "vectors" and not isinstance(value, Tracer) and not np.any(np.asarray(value), axis=-1).all():
+            if leaf == "vectors" and not isinstance(new, Tracer) and not np.any(new, axis=-1).all():
                 raise InputError(f"design variable {name!r} is a direction and cannot be the zero vector")
-            changed.setdefault(leaf, {})[i] = value
+            changed.setdefault(leaf, {})[i] = new
         for leaf, items in changed.items():
             at, old, lead = np.array(list(items)), leaves[leaf], self._designs(leaf)
             if any(isinstance(x, Tracer) for x in (old, *items.values())):
-                new = jnp.stack([jnp.asarray(v, old.dtype) for v in items.values()], axis=len(lead))
+                new = jnp.stack([*items.values()], axis=len(lead))
                 leaves[leaf] = old.at[(*lead, at)].set(new)
             else:  # nothing to compile
                 new = np.array(old)
-                new[(*lead, at)] = np.stack([np.asarray(v, old.dtype) for v in items.values()], axis=len(lead))
+                new[(*lead, at)] = np.stack([*items.values()], axis=len(lead))
                 with numbers(old):
                     leaves[leaf] = on_device(new)
         parameters = dataclasses.replace(self.parameters, **leaves, own=tuple(own))

@@ -18,7 +18,7 @@ from jaxnc.status import Status
 mujoco = pytest.importorskip("mujoco")
 
 PLACE = 1e-12  # places of bodies and rows of MuJoCo's constraints, of robots of about one metre: rounding
-WRITTEN = 1e-6  # what MuJoCo writes has seven digits or so
+WRITTEN = 1e-6  # what MuJoCo writes has six digits
 POSES = 24
 
 
@@ -589,6 +589,56 @@ def test_a_robot_whose_loop_is_open_a_little_is_saved(tmp_path):
     robot = nc.from_mjcf(path)
     again = nc.from_mjcf(robot.save(tmp_path / "again.xml"))
     np.testing.assert_allclose(again.positions([0.1]), robot.positions([0.1]), atol=1e-6)
+
+
+OPEN = """<mujoco><worldbody><body name="a"><joint name="p" axis="0 0 1"/><geom type="capsule" size=".01"
+fromto="0 0 0 0 .1 0"/><frame pos="0 0 .1"><site name="framed"/></frame><body name="b" pos="0 .1 0"><joint name="q"
+axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 .3 .1 0"/><site name="t" pos=".3 .1 0"/></body></body>
+<body name="c" pos=".35 0 0"><joint name="r" axis="0 0 1"/><geom type="capsule" size=".01" fromto="0 0 0 -.05 .2 0"/>
+<site name="u" pos="{} .2 0"/></body></worldbody><equality><connect name="loop" site1="t" site2="u"/></equality>
+<actuator><motor joint="p"/></actuator></mujoco>"""
+
+
+def test_a_site_moves_with_the_loop_that_it_closes(tmp_path):
+    (tmp_path / "loop.xml").write_text(OPEN.format("-.05"))
+    robot = nc.from_mjcf(tmp_path / "loop.xml")
+    shift = np.array([0.02, 0.01, 0.0])
+    for names in (("loop_at",), ("loop_at", "t", "u")):
+        design = robot.system.replace({n: robot.system[n] + shift for n in names})
+        data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(robot.save(tmp_path / "again.xml", design))))
+        data.qpos[:] = robot.positions([0.2], design)
+        mujoco.mj_forward(model, data)
+        assert np.abs(data.efc_pos[: data.ne]).max() < WRITTEN
+    for name in "tu":  # the pose of such a design has the loop where it was, and a file cannot say so
+        with pytest.raises(nc.InputError, match=f"site '{name}' closes 'loop' at 'loop_at'.*move what is at one place"):
+            robot.save(tmp_path / "again.xml", robot.system.replace({name: robot.system[name] + shift}))
+    with pytest.raises(nc.InputError, match="site 'framed' stands in a <frame>"):
+        robot.save(tmp_path / "again.xml", robot.system.replace({"framed": robot.system["framed"] + shift}))
+
+
+def test_what_a_file_cannot_have_is_named(tmp_path):
+    (tmp_path / "open.xml").write_text(OPEN.format("-.047"))
+    robot = nc.from_mjcf(tmp_path / "open.xml")
+    with pytest.raises(nc.InputError, match=r"off joint 'loop' by 0\.001.* move 'loop_at' and 'loop_on' alike"):
+        robot.save(
+            tmp_path / "no.xml", robot.system.replace({"loop_at": robot.system["loop_at"] + np.array([0.001, 0, 0])})
+        )
+    m = nc.library.four_bar()
+    urdf = nc.from_urdf(m.to_urdf(tmp_path / "bar.urdf").path)
+    lost, drawn = {"q_at": (np.nan, 0, 0)}, m.compile().replace({"B": (np.nan, 0.1)})
+    for call, name in (
+        (lambda: robot.save(tmp_path / "no.xml", robot.system.replace(lost)), "q_at"),
+        (
+            lambda: urdf.save(tmp_path / "no.urdf", urdf.system.replace({"B_coupler_at": (0, np.inf, 0)})),
+            "B_coupler_at",
+        ),
+        (lambda: m.to_mjcf(tmp_path / "no.xml", at=drawn), "B"),
+        (lambda: m.to_urdf(tmp_path / "no.urdf", at=drawn), "B"),
+        (lambda: nc.mobility(drawn), "B"),
+    ):
+        with pytest.raises(nc.InputError, match=f"design variable '{name}' is NaN or infinite"):
+            call()
+    assert not (tmp_path / "no.xml").exists() and not (tmp_path / "no.urdf").exists()
 
 
 def test_a_long_robot_is_read_without_a_dense_matrix(tmp_path):

@@ -436,6 +436,7 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
     assert "clear of the region within (10, 10) and (11, 12)" in names
     assert S.no_flip(0.2, np.radians(9)) in round_.conditions
     assert S.only_circuit({"phi": np.radians((-360, 90)), "C.y": (0.0, None)}) in round_.conditions
+    row = text[: text.index("A-B = [0, 50]")].count("\n") + 1
     for old, new, words in (
         (text[start:end], 'target = "circle.svg"\n', 'target = { svg = "circle.svg", points = 60 }'),
         ('kind = "path"', 'kind = "paths"', "line 4: kind: 'paths'"),
@@ -443,6 +444,8 @@ stops = { phi = [-360, 90], "C.y" = [0, inf] }
         ('type = "crank turns"', 'type = "crank turn"', "crank turn"),
         ("A-B = [0, 50]", "A-B = [50, 0]", "'A-B' exclude everything"),
         ("A-B = [0, 50]", "A-B = [5, 5]", "S.equal"),
+        ("A-B = [0, 50]", "B = [[-5], [1, 3]]", f"line {row}: bounds of 'B' must be (low, high)"),
+        ("A-B = [0, 50]", "B = [[5, 1], [1, 3]]", f"line {row}: bounds of 'B' exclude everything"),
         (text[start:end], "target = [[1, 2], [3]]\n", "rows of equally many numbers"),
         ("timing = [30, 45, 60, 75, 90]", "timing = [30, 45]", "timing must be 5 numbers"),
         ('type = "crank turns"', 'type = "no flip"', "give distance="),

@@ -66,6 +66,32 @@ def test_stock_sizes_are_those_of_exhaustive_enumeration(mechanism):
     assert f"cost {result.error - result.relaxed.error:.3g}" in str(result)
 
 
+def test_a_front_says_whose_end_it_left_out(tmp_path):
+    """The stroke nears what is wanted the more, the nearer the rod comes to being straight across its guide."""
+    m = nc.Mechanism("slider crank")
+    m.ground("O", (0, 0))
+    m.point("A", (30, 10))
+    m.point("S", (150, 20), fixed="y")
+    m.body("crank", ["O", "A"])
+    m.body("rod", ["A", "S"])
+    m.angle("phi", "O", "A")
+    goal = S.Objective(
+        m,
+        [
+            lambda mo: (jnp.ptp(mo["S"][:, 0]) - 80.0) / 10,
+            lambda mo: (mo["A"][:, 1] - mo["S"][:, 1]).max() / 50,
+        ],
+        np.linspace(0, 2 * np.pi, 73),
+        input="phi",
+        free=["A", "S.x"],
+        subject_to=[S.crank_turns(), S.length("A", "S", 50, 200)],
+    )
+    front = S.pareto(goal, points=4, starts=40, refine=6, key=jax.random.key(0))
+    assert len(front.lost) == 1 and front.lost[0].startswith("objective 1, which has a transmission angle of")
+    assert "left out is the best in objective 1, which" in str(front) and "transmission_angle(min)" in str(front)
+    assert str(S.Front.load(front.save(tmp_path / "front"), goal)) == str(front)
+
+
 @pytest.mark.slow
 def test_a_front_that_is_not_convex(mechanism, tmp_path):
     """C. Fonseca, P. Fleming 1995 in two variables: 1 - exp(-|v ∓ (1, 1)/√2|²), on the line between both centres.

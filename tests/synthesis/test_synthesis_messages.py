@@ -227,6 +227,13 @@ def test_a_condition_that_is_finite_for_the_idea_only_is_named():
         S.solve(problem, **FEW)
 
 
+def test_a_missed_condition_of_ones_own_is_told_in_its_own_numbers():
+    low = S.condition(lambda m: -1.0 - m["P"][:, 1] ** 2, name="low")
+    said = str(S.solve(path(subject_to=[low]), **FEW))
+    assert "low by" in said and "in its function's numbers, which must not be negative" in said
+    assert "of the size" not in said
+
+
 def test_what_is_meant_is_taken():
     assert path(subject_to=S.crank_turns()).conditions[0].name == "crank turns"
     # A timing may fall, and go on over a whole turn.

@@ -2,6 +2,7 @@
 
 import jax
 import jax.monitoring
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -83,3 +84,23 @@ def test_messages_have_the_names_of_the_one_that_is_asked():
             nc.solve_position(system.replace({letter: np.asarray(system[letter]) * 4.0}), {f"phi{letter}": 3.0})
         with pytest.raises(nc.InputError, match="equations know no names"):
             nc.system.residual(jax.jit(equations)(system), np.zeros(11), {f"phi{letter}": 1.0})
+
+
+def test_a_hessian_is_read_by_row_and_column():
+    m = nc.Mechanism("rod")
+    m.ground("O", (0, 0))
+    m.point("P", (3, 4))
+    m.body("rod", ["O", "P"])
+    m.angle("phi", at="O", to="P")
+    system = m.compile()
+
+    def both(s):  # |P - O|³ and twice that
+        far = jnp.sum((s["P"] - s["O"]) ** 2) ** 1.5
+        return jnp.stack([far, 2.0 * far])
+
+    r = np.array([3.0, 4.0])
+    exact = 15.0 * np.eye(2) + 3.0 * np.outer(r, r) / 5.0
+    found = jax.hessian(lambda s: both(s)[0])(system)
+    np.testing.assert_allclose(found["P"]["P"], exact, atol=1e-12)
+    np.testing.assert_allclose(found["P"]["O"], -exact, atol=1e-12)
+    np.testing.assert_allclose(jax.hessian(both)(system)["P"]["O"], [-exact, -2.0 * exact], atol=1e-12)

@@ -54,6 +54,7 @@ class Front(Shown):
         dominated: how many designs were left out because another one is as good in everything.
         defective: how many were left out because of defects.
         stopped: if the search was stopped before its end, how, in words.
+        lost: objectives whose best design is one of the defective ones, each with its defects, in words.
     """
 
     problem: Problem
@@ -65,6 +66,7 @@ class Front(Shown):
     dominated: int
     defective: int
     stopped: str = ""
+    lost: tuple[str, ...] = ()
 
     @property
     def knee(self) -> int:
@@ -109,6 +111,11 @@ class Front(Shown):
         counts = f"{counted(self.screened, 'design')} screened, {self.refined} refined"
         counts += f", {self.defective} left out for their defects" if self.defective else ""
         lines = [f"{self.problem.name}, {' against '.join(self.names)}: {self.verdict} ({counts})"]
+        lines += [
+            f"left out is the best in {end}: with a condition against that, such as crank_turns() or "
+            f"transmission_angle(min), the search looks for the end that meets it"
+            for end in self.lost
+        ]
         return lines + ([f"the search was {self.stopped}"] if self.stopped else [])
 
     def __repr__(self) -> str:
@@ -122,7 +129,7 @@ class Front(Shown):
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder with the table, the numbers and a model file of each design; `load` reads it back."""
-        meta = {"objectives": self.names} | {name: getattr(self, name) for name in _TOLD}
+        meta = {"objectives": self.names} | {name: getattr(self, name) for name in (*_TOLD, "lost")}
         return write_designs(folder, self.problem, self.designs, f"{self}\n", meta, {"values": self.values})
 
     @classmethod
@@ -135,7 +142,8 @@ class Front(Shown):
         """
         designs, meta, arrays = read_designs(folder, problem, "Front.save", "values", "objectives", *_TOLD)
         told = {name: meta[name] for name in _TOLD}
-        return cls(problem, tuple(meta["objectives"]), arrays["values"], tuple(designs), **told)
+        lost = tuple(meta.get("lost", ()))
+        return cls(problem, tuple(meta["objectives"]), arrays["values"], tuple(designs), **told, lost=lost)
 
 
 @public
@@ -228,6 +236,11 @@ def pareto(
     values = np.array([goal.values(x) for _, x in search.best.values()]).reshape(-1, k)
     kept = [whole[n] for n in _pareto_rows(values[whole])]
     kept.sort(key=lambda n: values[n, 0])
+    lost = []
+    for label, column in zip(labels, values.T if designs else (), strict=False):
+        best, most = int(np.argmin(column)), float(np.min(column[whole], initial=np.inf))
+        if column[best] < most - 1e-3 * np.ptp(column):  # less of its range does not show
+            lost.append(f"{label}, which {'; '.join(designs[best].defects)}")
     # A search sees a problem's error in parts of its size, and functions of an `Objective` with their weights.
     units = [problem.size, *[1.0] * (k - 1)] if others else 1.0 / np.sqrt(problem.weights)
     return Front(
@@ -240,6 +253,7 @@ def pareto(
         dominated=len(whole) - len(kept),
         defective=len(designs) - len(whole),
         stopped=search.stopped,
+        lost=tuple(lost),
     )
 
 

@@ -361,8 +361,8 @@ class TraceResult:
         exact = sum(d.exact for d in self.designs)
         lines = [
             f"trace of {'a closed' if self.closed else 'an open'} curve: {len(self.designs)} linkages, "
-            f"{self.refined:,} candidates refined in {self.seconds:.3g} s"
-            f"{'' if self.refined else ' (they are as in the atlas)'}; {self.stopped}",
+            f"{self.refined:,} candidates refined{'' if self.refined else ' (they are as in the atlas)'}; the search "
+            f"{self.stopped}, and with the closest look at the best it took {self.seconds:.3g} s",
             "      distance  bars  transmission  crank      linkage",
         ]
         for k, d in enumerate(self.designs, 1):
