@@ -116,7 +116,7 @@ def as_traceable(value: object, what: str, dtype: "DTypeLike" = float) -> Any:
             given: Any = jnp.asarray(value) if isinstance(value, Tracer) else np.asarray(value)
         except jax.errors.TracerArrayConversionError:
             given = jnp.asarray(value)
-        if given.dtype.kind in _NO_NUMBERS or np.ma.is_masked(value):
+        if getattr(given.dtype, "kind", "V") in _NO_NUMBERS or np.ma.is_masked(value):  # a key of JAX's has none
             raise TypeError
         if given.dtype == object and any(x is None or isinstance(x, str | bytes) for x in given.flat):
             raise TypeError

@@ -40,7 +40,7 @@ class Linearisation:
         motion: the state.
         coordinates: names of the independent coordinates. In traced code that was given none they are
             `System.independent`; of a state at which these say little of the motion, z are as many orthonormal
-            directions of it, lengths, with the same frequencies, eigenvalues and modes.
+            directions of it, lengths. In an equilibrium their frequencies, eigenvalues and modes are the same.
         mass: M, ``(g, g)``.
         damping: C (with what gyroscopic forces add), ``(g, g)``.
         stiffness: K, ``(g, g)``.
@@ -236,7 +236,7 @@ def linearise(
         state: an equilibrium, a pose (with its rates: a steady motion), or as in `jaxnc.simulate`.
         rates: rates by name, for a steady motion.
         coordinates: the independent coordinates, as many as there are freedoms; chosen if not given. Where the rest
-            does not follow from them, mapped or compiled code returns NaN.
+            does not follow from them, mapped or compiled code returns NaN, whose derivatives are zero.
         inputs: coordinates that efforts act on, for the input matrix.
         unit: what angles of `state` and `rates` are given in, ``"rad"`` or ``"deg"``.
 
@@ -258,7 +258,10 @@ def linearise(
                 f"{nearest(name, top.coordinates)}"
             )
     at = np.array([flow.dyn.topology.position[name] for name in inputs], dtype=int)
-    own = _choose_directions(flow, q, known, coordinates is None and isinstance(q, Tracer))
+    free = coordinates is None
+    least = None if free and values_behind(q) is not None else 1e-2 if free else 10.0 * limits(q).singular
+    own = _choose_directions(flow, q, known, least)
+    own = own._replace(good=own.good | free)
     mass, c, k, basis, a, b, rest, acceleration = _linearise(flow, own, q, v, at.tolist())
     if not isinstance(own.good, Tracer) and not own.good:
         raise InputError(
@@ -309,26 +312,24 @@ def _name_coordinates(
 
 
 @filter_jit
-def _choose_directions(flow: Flow, q: Array, known: tuple[int, ...], free: bool) -> _Directions:
-    """Take the unknown coordinates in some places for z, or directions of the motion where they say little of it.
+def _choose_directions(flow: Flow, q: Array, known: tuple[int, ...], least: float | None) -> _Directions:
+    """Take the unknown coordinates in some places for z, or directions of the motion where they say less of it.
 
     Args:
         flow: the motion.
         q: the pose.
         known: places among the unknown coordinates.
-        free: whether these were chosen elsewhere, so that better ones may take their place.
+        least: how much of every motion these have to see; None where they were chosen at this pose.
     """
-    weight, n, g = weights(flow.dyn.eq)[flow.view.unknown], len(flow.view.unknown), len(known)
+    weight, n, at = weights(flow.dyn.eq)[flow.view.unknown], len(flow.view.unknown), np.array(known, int)
+    own = _Directions(jnp.eye(n, dtype=q.dtype)[at], jax.lax.stop_gradient(weight[at]), jnp.ones((), bool))
+    if least is None or not known:
+        return own
     rows = jax.lax.stop_gradient(flow.view.linearise(flow.dyn.eq, q)[1] / weight)
-    motions = dense.symmetric_eigen(rows.T @ rows)[1][:, :g].T
-    mine = motions[:, np.array(known, int)]
-    # The smallest singular value of z by the motions: squares, whose eigenvalues are quicker found, would blur it.
-    none, least = jnp.zeros_like(mine), 1e-2 if free else 10.0 * limits(q).singular
-    pairs = dense.symmetric_eigen(jnp.block([[none, mine], [mine.T, none]]))[0]
-    good = jnp.min(jnp.abs(pairs), initial=1.0) > least
-    sums = jnp.where(good, jnp.eye(n, dtype=q.dtype)[np.array(known, int)], motions)
-    length = jnp.where(good, weight[np.array(known, int)], 1.0)
-    return _Directions(sums, jax.lax.stop_gradient(length), good | free)
+    motions = dense.symmetric_eigen(rows.T @ rows)[1][:, : len(at)].T
+    inverse = dense.eliminate(motions[:, at], jnp.eye(len(at), dtype=q.dtype))[0]
+    good = jnp.max(jnp.abs(inverse)) * least < 1.0
+    return _Directions(jnp.where(good, own.sums, motions), jnp.where(good, own.length, 1.0), good)
 
 
 def _choose_independent(system: System, flow: Flow, q: Array, v: Array) -> tuple[str, ...]:

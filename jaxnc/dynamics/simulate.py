@@ -116,7 +116,8 @@ def simulate(
     if fixed:
         _check_fixed(system, method, event, t, step)
     given, wanted = check_start(system, state, rates, unit)
-    if wanted is None and 0 < len(drives) < system.degrees_of_freedom:
+    free = [name for name, _ in drives if not system.topology.fixed[system.topology.position[name]]]
+    if wanted is None and drives and len(free) < system.degrees_of_freedom:
         wanted = (), np.zeros(0)  # the freedoms that are left move with what is driven
     places, wanted = wanted if isinstance(wanted, tuple) else (None, wanted)
     event, event_parameters = _read_event(system, event, event_parameters)

@@ -363,7 +363,10 @@ def _follow_inputs(repair: bool, throw: bool, question: _Question, start: Motion
     view, eq = question.view, derive(question.system)
     held = question.system.topology.named(view.held)
     drawn = start_of(question.system, eq, jax.tree.map(_without_slope, start), held, repair=repair)
-    q0 = _with_slopes_of_held(question.system, view, eq, drawn, drawn, start, ())
+    home = drawn
+    if held and isinstance(start, Mapping):  # what the start does not name is held where it is drawn
+        home = settle(eq, np.zeros(len(question.system.topology.coordinates)), repair).q
+    q0 = _with_slopes_of_held(question.system, view, eq, drawn, home, start, ())
     found = _find_poses(view, "continuation", eq, q0, question.values, question.orders, repair)
     motion = _check_rolling(question.answer(found))
     if throw:

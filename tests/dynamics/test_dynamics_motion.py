@@ -389,3 +389,14 @@ def test_the_ground_is_shaken_beside_an_input():
 
     right = solve_ivp(swing, (0, 1), [-np.pi / 2, 0.0], t_eval=t, rtol=1e-10, atol=1e-11).y[0]
     assert np.abs(np.asarray(run["r"]) - right).max() <= 1e-7
+
+
+def test_what_the_ground_alone_drives_starts_with_the_least_kinetic_energy():
+    """T = m (v² - 2 v ω y) / 2 + (I + m r²) ω² / 2, y the com's height above the pivot: ω = m v y / (I + m r²)."""
+    m = nc.Mechanism("shaken bar")
+    m.ground("O", (0, 0))
+    m.point("B", (1, 0))
+    m.body("bar", ["O", "B"], mass=1.0, com=(0.5, 0.1), inertia=0.3)
+    run = nc.simulate(m.compile(), np.array([0.0, 0.01]), inputs={"O.x": lambda t: 0.05 * jnp.sin(8 * t)})
+    least = 0.4 * 0.1 / (0.3 + 0.5**2 + 0.1**2)
+    assert float(run.velocity("B")[0, 1]) == pytest.approx(least, rel=1e-9)

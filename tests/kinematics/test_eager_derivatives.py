@@ -240,6 +240,13 @@ def test_what_is_held_stays_where_a_start_names_another():
         for q in (place(0.61), nc.jit(place)(0.61)):
             np.testing.assert_allclose(q[:, [system.topology.position[name] for name in hold]], [[0.61, 0.9]] * 2)
 
+    def height(x):  # of F, which hangs on C: both x are held
+        design = system.replace({"F": jnp.stack([x, jnp.asarray(1.3)])})
+        return nc.sweep(design, {"B.x": [0.08, 0.1]}, hold=hold, start={"C.x": 0.61})["F"][0, 1]
+
+    ends = [height(0.9 + h) for h in (1e-5, -1e-5)]
+    assert float(jax.grad(height)(0.9)) == pytest.approx(float(ends[0] - ends[1]) / 2e-5, rel=1e-6)
+
 
 def test_what_is_known_stays_on_the_host(monkeypatch):
     """No solver is compiled for a first derivative; a second one is compiled, and right."""

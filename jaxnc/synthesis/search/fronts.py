@@ -238,8 +238,9 @@ def pareto(
     kept.sort(key=lambda n: values[n, 0])
     lost = []
     for label, column in zip(labels, values.T if designs else (), strict=False):
+        column = np.where(np.isfinite(column), column, np.inf)
         best, most = int(np.argmin(column)), float(np.min(column[whole], initial=np.inf))
-        if column[best] < most - 1e-3 * np.ptp(column):  # less of its range does not show
+        if column[best] < most - (1e-3 * np.ptp(column[kept]) if kept else 0.0):  # less of its range does not show
             lost.append(f"{label}, which {'; '.join(designs[best].defects)}")
     # A search sees a problem's error in parts of its size, and functions of an `Objective` with their weights.
     units = [problem.size, *[1.0] * (k - 1)] if others else 1.0 / np.sqrt(problem.weights)
