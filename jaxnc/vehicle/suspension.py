@@ -431,10 +431,10 @@ def _bump_input(known: Sequence[str], bump: str | None, names: Names, steer: str
 
 def _find_side(motion: Motion, side: str | None, name: str) -> str | None:
     """Find on which side the wheel is drawn, and refuse another one; None where that is traced and none is given."""
-    place = motion.system[name]
-    if isinstance(place, Tracer):
+    system = motion.system
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(system)):
         return side
-    y = float(np.asarray(place)[1])
+    y = float(dataclasses.replace(system, parameters=system.parameters.in_numpy())[name][1])  # compiles nothing
     if side is None or y * (1.0 if side == "left" else -1.0) >= 0:
         return side or ("right" if y < 0 else "left")
     other = "right" if side == "left" else "left"
