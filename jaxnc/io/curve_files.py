@@ -57,7 +57,7 @@ def outline(
     Args:
         path: the file; of its elements only ``<path>`` is read, with the transformations of the groups around it.
         count: how many points.
-        id: of the path; the first one in the drawing if not given.
+        id: of the path; the first one that is shown if not given.
         piece: number of the piece, from 0, of a path that lifts its pen.
         size: the larger one of width and height that the curve shall have; as drawn if not given.
         centre: where the middle of its width and height shall be; as drawn if not given.
@@ -81,7 +81,8 @@ def outline(
     pieces = _read_path(data, f"{path}, {label}")
     if piece is None and len(pieces) > 1:
         raise ModelFileError(
-            f"{path}, {label}: it has {len(pieces)} pieces, a curve is one; say which: piece = 0 … {len(pieces) - 1}"
+            f"{path}, {label}: it has {len(pieces)} pieces, a curve is one; leave one in the drawing, or choose it in "
+            f"Python: outline(…, piece=0 … {len(pieces) - 1})"
         )
     if not 0 <= (piece or 0) < len(pieces):
         raise ModelFileError(f"{path}, {label}: no piece {piece}; it has {len(pieces)}, counted from 0")
@@ -129,7 +130,8 @@ def _elements(element: ElementTree.Element, matrix: np.ndarray, where: str) -> I
     matrix = _combine(matrix, _transform(element.get("transform", ""), where))
     yield element, matrix
     for child in element:
-        if _tag(child) not in _UNSEEN:
+        shown = f"display:{child.get('display')};{child.get('style')}".replace(" ", "")
+        if _tag(child) not in _UNSEEN and "display:none" not in shown:
             yield from _elements(child, matrix, where)
 
 

@@ -428,6 +428,14 @@ class TestBurmester:
             assert near.minima[k] and near.errors[k] < 1e-9
         assert "Proved to exist" in near.statement and "minimum" in str(near)
 
+    def test_an_exact_bar_is_a_minimum_where_several_meet(self):
+        """Where the origin goes round with half the turn its bar is exact, and second derivatives vanish."""
+        t = np.array([0.0, 0.3, 0.5, 0.9, 1.3, 1.4, 1.6])
+        near = syn.Guidance(np.stack([np.cos(t), np.sin(t), 2 * t], axis=1)).nearest_dyads()
+        exact = near.errors < 1e-12
+        np.testing.assert_allclose([*near[0].moving, *near[0].fixed], [1, 0, 0, 0], atol=1e-6)
+        assert exact[0] and near.minima[exact].all()
+
     def test_stationary_bars_of_small_turns_and_of_far_points(self):
         """A wishbone moved a little comes back; which point of the body tells the poses does not matter."""
         wishbone = syn.FourBar((0.35, 0.2), (0.72, 0.19), (0.68, 0.48), (0.40, 0.45), (0.78, 0.31))

@@ -41,7 +41,7 @@ class NearestDyads(Listed["Dyad"]):
     Attributes:
         dyads: the bars.
         errors: of each the root mean square of what its length would have to change by in the poses, lengths, ``(k,)``.
-        minima: of each whether every small change makes it worse; the others are saddles, ``(k,)``.
+        minima: of each whether no small change makes it better; the others are saddles, ``(k,)``.
         proved: of each whether the stationary point is proved to exist and to be real (Krawczyk's test), ``(k,)``.
         complex_points: how many stationary points are complex.
         complete: whether every other path of the total degree went to infinity, so that there are no more with pivots
@@ -113,9 +113,8 @@ def find_stationary(
         complex_points, agreed = found.others, agreed + 1 if found.complete else 0
         if agreed == 2:  # one way alone may not show a pivot that is far away
             break
-    minima = np.array(
-        [_is_minimum(_expand(b + shift[0] - a, b, turn - 1.0, shift - shift[0])[1]) for b, a in bars], bool
-    )
+    about = turn - 1.0, shift - shift[0]
+    minima = np.array([_is_minimum(b + shift[0] - a, b, *about) for b, a in bars], bool)
     return bars, minima, proved, complex_points, agreed > 0
 
 
@@ -202,8 +201,12 @@ def _expand(w: complex, z: complex, d: np.ndarray, s: np.ndarray) -> tuple[np.nd
     return slopes.T @ miss / len(d), hessian
 
 
-def _is_minimum(hessian: np.ndarray) -> bool:
-    """Tell whether second derivatives are positive, in numbers of one size."""
+def _is_minimum(w: complex, z: complex, d: np.ndarray, s: np.ndarray) -> bool:
+    """Tell whether a bar is exact, or second derivatives of its error are positive, in numbers of one size."""
+    square = np.abs(w + d * z + s) ** 2
+    if np.ptp(square) <= 1e-12 * square.max():  # where several bars meet, second derivatives are zero too
+        return True
+    hessian = _expand(w, z, d, s)[1]
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(hessian)), np.finfo(float).tiny))
     return bool(np.linalg.eigvalsh(hessian * scale[:, None] * scale)[0] > 1e-13)
 
