@@ -457,6 +457,25 @@ def test_a_loop_that_was_not_moved_stays_closed_whatever_pose_it_was_drawn_in(ho
         np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=2e-6)  # a file has six digits
 
 
+def test_the_frame_of_a_rod_is_where_the_saved_file_has_it(tmp_path):
+    """The design's ball is beside the line on which the frame was drawn."""
+    link = '<geom type="capsule" size=".02" fromto="0 0 0 {}" contype="0" conaffinity="0"/>'.format
+    (tmp_path / "rod.xml").write_text(f'''<mujoco><worldbody><body><joint name="a" axis="0 0 1"/>{link(".1 0 0")}
+        <body name="rod" pos=".1 0 0"><joint name="b" type="ball"/>{link(".2 .1 .2")}</body></body>
+        <body name="r" pos=".3 .1 0"><joint name="d" axis="1 0 0"/>{link("0 0 .2")}</body></worldbody>
+        <equality><connect body1="rod" body2="r" anchor=".2 .1 .2"/></equality></mujoco>''')  # fmt: skip
+    robot = nc.from_mjcf(tmp_path / "rod.xml")
+    design = robot.system.replace({"b_at": robot.system["b_at"] + np.array([0.0, 0.02, 0.0])})
+    model = mujoco.MjModel.from_xml_path(str(robot.save(tmp_path / "out.xml", design)))
+    data = mujoco.MjData(model)
+    poses = robot.pose([[-0.2], [0.2]], design)
+    places, axes = robot.frames(poses)["rod"]
+    for k, data.qpos[:] in enumerate(np.asarray(robot.joint_values(poses))):
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(places[k], data.body("rod").xpos, atol=1e-6)
+        np.testing.assert_allclose(axes[k].ravel(), data.body("rod").xmat, atol=1e-5)
+
+
 @pytest.mark.parametrize("turn", [(0.5, 0.5, 0.5, 0.5), (0.7071, 0, 0, 0.7071), (0.7071, 0.7071, 0, 0)])
 def test_a_keyframe_may_turn_a_ball_by_a_quarter(turn, tmp_path):
     """Coordinates that say where the ball is at first say nothing there."""

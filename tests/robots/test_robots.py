@@ -512,6 +512,19 @@ def test_bad_files(text, words, folder):
     assert all(word in str(error.value) for word in ["bad.xml", *words]), str(error.value)
 
 
+def test_values_and_rates_may_be_degrees(folder):
+    """Those of hinges; a slide's are lengths."""
+    geom = '<geom type="capsule" size=".02" fromto="0 0 0 .1 0 .1"/>'
+    text = f"""<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" ref=".2"/>{geom}
+        <body pos=".1 0 0"><joint name="b" axis="0 1 0" ref="-.4"/>{geom}<body><joint name="s" type="slide" ref=".3"/>
+        {geom}</body></body></body></worldbody></mujoco>"""
+    robot = read(folder, text, "hinges.xml")
+    pose = robot.pose([[10.0, -5.0, 0.4]], unit="deg", rates={"a": 90.0, "b": 0.0, "s": 0.1})
+    np.testing.assert_allclose(robot.joint_values(pose), [[np.pi / 18, -np.pi / 36, 0.4]], atol=1e-12)
+    rates = [pose.rates[0][0, robot.system.topology.position[c]] for c in robot.actuated]
+    np.testing.assert_allclose(rates, [np.pi / 2, 0.0, 0.1], atol=1e-12)
+
+
 def test_wrong_questions(gripper, folder):
     with pytest.raises(nc.ModelFileError, match="there is no such file"):
         nc.from_mjcf(folder / "nowhere.xml")
@@ -523,6 +536,8 @@ def test_wrong_questions(gripper, folder):
         nc.from_mjcf(folder / "gripper.xml", home="zero")
     with pytest.raises(nc.InputError, match=r"driven by 1 joint \(driver_joint\)"):
         gripper.positions(np.zeros(2))
+    with pytest.raises(nc.InputError, match=r"hold=: a robot chooses what it holds.*robot\.held"):
+        gripper.positions(np.zeros(1), hold=["driver_joint"])
     zero = float(gripper.pose(np.zeros(1))["driver_joint"])
     with pytest.raises(nc.AssemblyError, match=f"values of joints are less by driver_joint {zero:.6g}"):
         gripper.positions(np.array([30.0]))
