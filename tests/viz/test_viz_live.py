@@ -455,6 +455,33 @@ def test_poses_that_a_changed_design_does_not_reach_show_its_ground(browser, fou
 
 
 @driven
+def test_poses_that_only_a_changed_design_reaches_have_the_rates_that_were_asked_for(browser, tmp_path):
+    m = nc.Mechanism("bars")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (0, 2)), m.point("C", (3.3, 2.0))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    phi = np.linspace(1.5, 3.1, 33)
+    motion = nc.sweep(m.compile(), {"phi": phi}, rates={"phi": 10.0}, throw=False)
+    assert not motion.converged[20]
+    browser.open(motion.to_html(tmp_path / "bars.html"), "#3")
+    enter(browser, "#sizes .control:nth-child(2)", 5.5)
+    index = browser.run("[...document.getElementById('quantity').options].findIndex(o => o.text === 'speed of C')")
+    browser.run(
+        f"{{ const q = document.getElementById('quantity'); q.value = {index}; q.dispatchEvent(new Event('change')) }}"
+    )
+    posed(browser, 20)
+
+    def place(angle: float) -> complex:
+        """C where the circles about B and D meet."""
+        d = 4 - 2 * np.exp(1j * angle)
+        along = (5.5**2 - (0.7**2 + 2**2) + abs(d) ** 2) / (2 * abs(d))
+        return 4 - d + d / abs(d) * (along + 1j * np.sqrt(5.5**2 - along**2))
+
+    speed = 10 * abs(place(phi[20] + 1e-5) - place(phi[20] - 1e-5)) / 2e-5
+    assert float(text(browser, "reading").split()[0]) == pytest.approx(speed, rel=1e-4)
+
+
+@driven
 def test_curves_have_a_cursor_and_are_read_in_degrees(browser, four_bar):
     motion, path = four_bar
     browser.open(path, "#18")

@@ -443,9 +443,14 @@ def _markers(top: Topology) -> str:
 def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
     """Collect what the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
     motion, top = data.motion, data.topology
-    start = int(np.flatnonzero(data.good)[0])
+    good = np.flatnonzero(data.good)
+    start = int(good[0])
     q = np.asarray(motion.q, float).reshape(data.count, -1)
-    rates = [np.asarray(x, float).reshape(data.count, -1)[:, list(view.driven)] for x in motion.rates[:2]]
+    # A pose that was not found has no rates, but other dimensions may reach it: it gets those between its neighbours'.
+    rates = [
+        np.stack([np.interp(np.arange(data.count), good, x[good, k]) for k in view.driven], axis=1)
+        for x in (np.asarray(x, float).reshape(data.count, -1) for x in motion.rates[:2])
+    ]
     par = motion.system.parameters
     names = [top.coordinates[k] for k in view.driven]
     guards = [(block, program(block.kind, "guard", top.dim)) for block in top.blocks]
