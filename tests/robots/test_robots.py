@@ -328,6 +328,15 @@ STILL = """<mujoco><worldbody><body name="a"><joint name="still" ref="5"/><geom 
 <equality><joint joint1="still" polycoef="{factors}"/></equality></mujoco>"""
 
 
+def test_a_mechanism_with_a_joint_that_follows_by_a_polynomial_is_saved(folder):
+    (folder / "tied.xml").write_text(TIED.format(tie='<joint joint1="one" joint2="two" polycoef="0 2 1 0 0"/>'))
+    robot = nc.from_mjcf(folder / "tied.xml")
+    again = nc.load(robot.mechanism.save(folder / "tied.toml")).compile()
+    home = robot.pose(np.zeros(2))
+    found = nc.solve_position(again, {"two": home["two"] + 0.3, "three": home["three"]})
+    assert float(found["one"] - home["one"]) == pytest.approx(2 * 0.3 + 0.3**2, abs=1e-12)
+
+
 @pytest.mark.parametrize("factors", [".3", "0", "-.2 1 3 0 0"])
 def test_a_joint_tied_to_none_stands_where_its_constant_says(factors, folder):
     robot = read(folder, STILL.format(factors=factors), "still.xml")
