@@ -262,7 +262,9 @@ def _answer_question(options: argparse.Namespace) -> int:
     question = getattr(reading, read)(options)
     if question is None:
         return GOOD
-    options.verdict.name = question.mechanism.name
+    options.verdict.name, units = question.mechanism.name, question.mechanism.model.units
+    if name != "trace":  # whose curves have no unit
+        options.verdict.length_unit, options.verdict.angle_unit = units.length, units.angle
     if question.title:
         print(question.title, flush=True)
     with step_bar(1) as step:

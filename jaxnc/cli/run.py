@@ -58,8 +58,6 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
     """List all assemblies, or join them up over the range of an input; 1 if there is none."""
     mechanism, run, verdict = question.mechanism, question.run, options.verdict
     system = mechanism.compile()
-    top = system.topology
-    verdict.length_unit, verdict.angle_unit = top.length_unit, top.angle_unit
     verdict.drives, verdict.hold = drives(mechanism, run), list(run.hold)
     inputs = {}
     for name, drive in run.inputs.items():
@@ -81,7 +79,7 @@ def do_modes(question: Question, options: argparse.Namespace, importing: float) 
     if not verdict.assemblies.complete:
         verdict.add("not-known", "warning", "paths were lost or solutions are not isolated: there may be others")
     if not some:
-        verdict.add("does-not-assemble", "error", f"{top.name!r} has no assembly there")
+        verdict.add("does-not-assemble", "error", f"{mechanism.name!r} has no assembly there")
     else:
         write_files(options, mechanism.name, tasks, "a table and a picture")
     return int(not some)

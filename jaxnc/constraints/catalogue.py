@@ -36,6 +36,7 @@ CATALOGUE: dict[str, Kind] = {
         coordinates.DISTANCE_BETWEEN,
         joints.cable(3),
         joints.relation(2),
+        joints.FOLLOWING,
         joints.TOUCHING,
         bodies.UNIT,
         *_all(bodies.product, 2),

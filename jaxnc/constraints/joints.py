@@ -175,6 +175,24 @@ def relation(count: int) -> Kind:
     )
 
 
+def _following(p, v, s, c):
+    """Let the change of a coordinate from the drawing be a polynomial of that of another."""
+    x = s[1] - c[1]
+    return (s[0] - c[0] - (c[2] + x * (c[3] + x * (c[4] + x * (c[5] + x * c[6])))),)
+
+
+FOLLOWING = Kind(
+    "joint that follows another",
+    _following,
+    rows=("polynomial",),
+    powers=(0,),
+    scalars=2,
+    constants=("home", "of", "a0", "a1", "a2", "a3", "a4"),
+    drawn=lambda p, v, s, c: (s[0], s[1], c[2], c[3], c[4], c[5], c[6]),
+    source="MuJoCo, XML reference, equality/joint",
+)
+
+
 # -- space ----------------------------------------------------------------------------------------------------------
 
 COINCIDENT_IN_SPACE = Kind(

@@ -257,12 +257,12 @@ def _product_text(coefficient: float, factors: Factors, latex: bool, digits: int
         numerator = " ".join(([top] if top else []) + first) or "1"
         denominator = " ".join(([bottom] if bottom else []) + below)
         return " ".join([rf"\frac{{{numerator}}}{{{denominator}}}", *above[len(first) :]])
-    if bottom:
-        head = f"{top or above.pop(0)}/{bottom}"
-        words = [head, *above]
-    else:
-        words = [*([top] if top else []), *above]
-    return " ".join(words) + "".join(f"/{b}" for b in below)
+    words = [*([top] if top else []), *above]
+    for at, over in ((0, [bottom] if bottom else []), (-1, below)):
+        if over and " " in words[at] and words[at][0] != "(" and words[at][-1] != ")":
+            words[at] = f"({words[at]})"  # cos φ/2 would be read as cos(φ/2)
+        words[at] += "".join(f"/{b}" for b in over)
+    return " ".join(words)
 
 
 def _power_text(atom: Atom, power: int, latex: bool, digits: int) -> str:

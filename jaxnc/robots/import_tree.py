@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxnc.constraints import Kind
+from jaxnc.constraints.joints import FOLLOWING
 from jaxnc.errors import MechanismError, list_first
 from jaxnc.mechanism import Mechanism
 from jaxnc.mechanism.checks import PUNCTUATION
-from jaxnc.pickling import register_by_name
 
 Vec = np.ndarray
 
@@ -186,25 +185,6 @@ _CLEAR = 0.2  # sine from which a direction is good to count an angle by
 
 Direction = str | tuple[str, str]
 """A vector, or two points."""
-
-
-def _polynomial(p, v, s, c):
-    """Let the change of a coordinate from the drawing be a polynomial of that of another."""
-    x = s[1] - c[1]
-    return (s[0] - c[0] - (c[2] + x * (c[3] + x * (c[4] + x * (c[5] + x * c[6])))),)
-
-
-FOLLOWED = Kind(
-    "joint that follows another",
-    _polynomial,
-    rows=("polynomial",),
-    powers=(0,),
-    scalars=2,
-    constants=("home", "of", "a0", "a1", "a2", "a3", "a4"),
-    drawn=lambda p, v, s, c: (s[0], s[1], c[2], c[3], c[4], c[5], c[6]),
-    source="MuJoCo, XML reference, equality/joint",
-)
-register_by_name(__name__, (FOLLOWED,))
 
 
 @dataclass
@@ -512,7 +492,7 @@ class ImportTree:
         else:
             second = second or first  # without a factor
             given: dict[str, float] = dict(zip(("a0", "a1", "a2", "a3", "a4"), f, strict=True))
-            m.constrain(follower.name, FOLLOWED, scalars=[first, second], constants=given)
+            m.constrain(follower.name, FOLLOWING, scalars=[first, second], constants=given)
 
     def _load(self, m: Mechanism, joint: ElementaryJoint) -> None:
         """Add the spring and the damper of a joint."""

@@ -392,27 +392,32 @@ class MjcfFile:
         return back, element.pos - back @ element.pos
 
     def _close(self, spec: Any, tree: ImportTree, design: MovedPlaces) -> None:
-        """Move the places where loops are closed."""
-        model, site = self.model, self.mujoco.mjtObj.mjOBJ_SITE
-        loops = {loop.name: loop for loop in tree.description.loops}
+        """Move the places where loops are closed, and write what MuJoCo would read off ``qpos0``.
+
+        There the bodies of a design that is drawn in another pose are elsewhere.
+        """
+        model, site, eq = self.model, self.mujoco.mjtObj.mjOBJ_SITE, self.mujoco.mjtEq
+        still = not design.changed or np.array_equal(self.data.qpos, model.qpos0)
         equalities, bodies, sites = ({e.id: e for e in of} for of in (spec.equalities, spec.bodies, spec.sites))
         for i, name in enumerate(self.names("EQUALITY", range(model.neq))):
-            pins = tree.pins.get(name, ())
-            if not design.changed.intersection(pins):
-                continue
-            ends = loops[name].first, loops[name].second
-            places = [_place_in(tree, design, k, p) for k, p in zip(ends, pins, strict=True)]
-            element = equalities[i]
-            if int(model.eq_objtype[i]) == int(site):
-                for number, place in zip((model.eq_obj1id[i], model.eq_obj2id[i]), places, strict=True):
-                    sites[int(number)].pos = place
-            elif np.array_equal(self.data.qpos, model.qpos0):
-                element.data = np.concatenate([places[0], np.asarray(element.data)[3:]])
-            else:  # MuJoCo would find the other body's anchor at qpos0, where this design is not drawn
+            element, data = equalities[i], np.array(model.eq_data[i])
+            ends = int(model.eq_obj1id[i]), max(int(model.eq_obj2id[i]), 0)
+            by_sites, pins = int(model.eq_objtype[i]) == int(site), tree.pins.get(name, ())
+            moved, connects = bool(design.changed.intersection(pins)), int(model.eq_type[i]) == int(eq.mjEQ_CONNECT)
+            links = [int(model.site_bodyid[k]) for k in ends] if by_sites else ends
+            places = [_place_in(tree, design, k, p) for k, p in zip(links, pins, strict=False)]
+            if by_sites and moved:
+                for number, place in zip(ends, places, strict=True):
+                    sites[number].pos = place
+            elif connects and not by_sites and not still:
                 names = [f"{name} {side}" for side in ("first", "second")]
-                for word, k, place in zip(names, ends, places, strict=True):
+                for word, k, place in zip(names, ends, places if moved else (data[0:3], data[3:6]), strict=True):
                     bodies[k].add_site(name=word, pos=place)
                 element.objtype, (element.name1, element.name2) = site, names
+            elif moved:
+                element.data = np.concatenate([places[0], np.asarray(element.data)[3:]])
+            elif int(model.eq_type[i]) == int(eq.mjEQ_WELD) and not by_sites and not still:
+                element.data = data
 
     def _sites_wanted(self, tree: ImportTree, design: MovedPlaces) -> Iterator[tuple[str, np.ndarray, str]]:
         """List where the file must have sites, in their links, each with what is wrong where it has one elsewhere."""

@@ -14,7 +14,7 @@ from jaxnc.calls import public
 from jaxnc.compiling import in_one_program
 from jaxnc.errors import AssemblyError, InputError, MechanismError, ModelFileError, counted
 from jaxnc.families.shapes import rotation_rows
-from jaxnc.kinematics.inputs import check_system
+from jaxnc.kinematics.inputs import check_system, in_radians
 from jaxnc.kinematics.instant import as_jax, body_of
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position
@@ -110,16 +110,17 @@ class Robot:
         """Values of all joints from those of the actuated ones, the loops closed.
 
         Args:
-            values: of the joints in `actuated`, ``(..., actuated)``, counted as the file does, radians and lengths.
+            values: of the joints in `actuated`, ``(..., actuated)``, counted as the file does, radians (or as `unit`
+                says) and lengths.
             system: a design, other than the file's: `robot.system.replace(...)`.
-            options: those of `jaxnc.solve_position`.
+            options: those of `jaxnc.solve_position`, but `hold`; `rates` by the names in `actuated`.
 
         Returns:
             Values of all joints in the order of the file, MuJoCo's ``qpos``: one number for a hinge or slide, a
             quaternion, scalar first, for a ball. May be jitted, mapped and differentiated with respect to both.
 
         Raises:
-            InputError: another number of values.
+            InputError: another number of values, or `hold`.
             AssemblyError: a single pose is not found.
         """
         found = self.joint_values(self.pose(values, system, **options))
@@ -136,8 +137,13 @@ class Robot:
                 f"{self.mechanism.name!r} is driven by {counted(len(self.actuated), 'joint')} "
                 f"({', '.join(self.actuated)}); got values of shape {values.shape}"
             )
+        if "hold" in options:
+            kept = ", ".join(self.held) or "none"
+            raise InputError(f"hold=: a robot chooses what it holds, here {kept} (robot.held); when it is read, hold= "
+                             "holds the joints of a link")  # fmt: skip
         away = self._away(derive(system).home)
-        inputs = {c: values[..., k] + away[c] for k, c in enumerate(self.actuated)}
+        (one,) = in_radians(system, options.get("unit"), dict.fromkeys(self.actuated, 1.0))  # what is given is in these
+        inputs = {c: values[..., k] + away[c] / one[c] for k, c in enumerate(self.actuated)}
         try:
             return solve_position(system, inputs, hold=self.held, **options)
         except AssemblyError as error:
@@ -204,15 +210,22 @@ class Robot:
 
     def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
         """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
-        out, (q, home) = {}, self._coordinates_of(motion)
+        out, (q, home), top = {}, self._coordinates_of(motion), self.system.topology
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
-            turn = as_jax(self._turn(q, home, number) @ np.asarray(link.turn, q.dtype))
+            turned = self._turn(q, home, number)
+            turn = as_jax(turned @ np.asarray(link.turn, q.dtype))
             if not number:
                 place = _array_library(q).broadcast_to(np.asarray(link.origin, q.dtype), (*motion.status.shape, 3))
                 out[link.name] = (as_jax(place), turn)
             elif (k, "") in self._tree.marks:
-                out[link.name] = (motion[self._tree.marks[k, ""]], turn)
+                name, rigid = self._tree.marks[k, ""], self._tree.rigids[number]
+                place = motion[name]
+                if self._tree.flat(rigid):  # a marker of a rod is on its line, which a design may have moved away
+                    at = 3 * top.points.index(rigid.points[0]) + np.arange(3)
+                    drawn = motion.system.parameters.markers[[m.name for m in top.markers].index(name)]
+                    place = as_jax(q[..., at] + turned @ (_array_library(q).asarray(drawn) - home[at]))
+                out[link.name] = (place, turn)
         return out
 
     # -- back ---------------------------------------------------------------------------------------------------

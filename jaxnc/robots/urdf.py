@@ -334,10 +334,12 @@ class UrdfFile:
             (before, start), (link, at) = (by_name[self._end(joint, tag, "")] for tag in ("parent", "child"))
             if not np.array_equal(start, before.origin) or not np.array_equal(at, link.origin):
                 _child(joint, "origin").set("xyz", xml_text(before.turn.T @ (at - start)))
-            first = next((j for j in link.joints if not j.held), None)
-            if first and tree.anchors[first.name].axis in changed and first.name == joint.get("name"):
-                axis = tree.sense(first) * places[tree.anchors[first.name].axis]
-                _child(joint, "axis").set("xyz", xml_text(link.turn.T @ axis))
+            for own in (j for j in link.joints if not j.held and tree.anchors[j.name].axis in changed):
+                name = tree.anchors[own.name].axis
+                if joint.get("type") == "planar":
+                    raise InputError(f"save(): {name!r} points elsewhere in this design, and URDF has one axis for all "
+                                     f"three of planar joint {joint.get('name')!r}: keep it as it is")  # fmt: skip
+                _child(joint, "axis").set("xyz", xml_text(link.turn.T @ (tree.sense(own) * places[name])))
         for element in root.findall("link"):
             link, at = by_name[str(element.get("name"))]
             shift = link.turn.T @ (link.origin - at)

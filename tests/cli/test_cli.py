@@ -691,6 +691,14 @@ def test_what_does_not_move_is_compared_and_not_said_to_move(capsys, tmp_path):
     assert json.loads(said(capsys, "compare", str(tmp_path / "nobody.toml"), "--json"))["moves"] is False
 
 
+@pytest.mark.parametrize("command", [("check",), ("compare", "--families", "natural"), ("export", "--to", "urdf")])
+def test_a_verdict_says_in_what_its_numbers_are(command, capsys, tmp_path):
+    where = () if "check" in command else ("--out", str(tmp_path))
+    file = edited(tmp_path, ('length = "m"', 'length = "mm"'))
+    verdict = json.loads(said(capsys, command[0], file, *command[1:], *where, "--json"))
+    assert (verdict["length_unit"], verdict["angle_unit"]) == ("mm", "deg")
+
+
 def test_a_ground_that_a_spring_ends_at_is_attached(capsys, tmp_path):
     m = nc.Mechanism("lamp")
     m.ground("A", (0, 0)), m.ground("G", (0, -1)), m.point("B", (1, 0))

@@ -93,6 +93,7 @@ HAND = {
     "distance between": lambda p, s, c: [np.dot(p[1] - p[0], p[1] - p[0]) - s[0] ** 2],
     "cable of 3": lambda p, s, c: [np.linalg.norm(p[1] - p[0]) + np.linalg.norm(p[2] - p[1]) - c[0]],
     "relation of 2": lambda p, s, c: [c[0] * s[0] + c[1] * s[1] - c[2]],
+    "joint that follows another": lambda p, s, c: [s[0] - c[0] - np.polyval(c[6:1:-1], s[1] - c[1])],
     **{label("angle", f): _angle(f, False) for f in FORMS},
     **{label("angle from x", f): _angle(f, True) for f in FORMS},
     **{f"distance along, {f}": _along(f) for f in LINES},

@@ -12,6 +12,7 @@ from coordinate_families import every_planar_joint, every_spatial_joint, worked
 
 import jaxnc as nc
 from jaxnc.cli import main
+from jaxnc.constraints.symbols import Expression, Symbol
 from jaxnc.errors import InputError
 from jaxnc.families import Chain, accelerations, mass_matrix, simulate
 from jaxnc.solvers.assembly import derive, sample_poses, to_host
@@ -82,6 +83,13 @@ def test_equations_as_the_text_prints_them():
     assert r"\frac{L_{1}}{2} \cos \psi_{1}" in reference.latex() and r"| $\psi_{3}" in reference.markdown()
     numbers = str(formulation("relative").equations(numbers=True)).splitlines()
     assert numbers[0] == "cos ψ_1 + s cos(ψ_1 + ψ_2 - π) + sin(ψ_1 + ψ_2 - π)/2 - 3 = 0"
+
+
+def test_what_is_divided_stands_in_brackets_where_it_could_be_read_otherwise():
+    phi, length = (Expression.of(Symbol(name, name, name == "φ")) for name in ("φ", "L"))
+    co = phi.apply("cos")
+    assert str(0.1 * co) == "(cos φ)/10" and str(co / length) == "(cos φ)/L" and str(3 * co) == "3 cos φ"
+    assert str(0.5 * (phi + length).apply("cos") ** 2) == "cos^2(φ + L)/2" and str(0.5 * length * co) == "L/2 cos φ"
 
 
 @pytest.mark.parametrize("family", ["relative", "reference", "mixed"])

@@ -436,6 +436,46 @@ def test_a_design_of_a_robot_is_saved_as_it_is_whatever_pose_it_was_drawn_in(hom
         np.testing.assert_allclose(data.site("tip").xpos, robot.pose(values, design)["tip"], atol=1e-5)
 
 
+@pytest.mark.parametrize("closed", ['weld body1="k" body2="k2"', 'connect body1="k2" body2="k" anchor="-.15 0 -.1"'])
+@pytest.mark.parametrize("home", [None, {"a": 0.15}])
+def test_a_loop_that_was_not_moved_stays_closed_whatever_pose_it_was_drawn_in(home, closed, tmp_path):
+    """MuJoCo reads one of its ends off qpos0, where a design that is drawn in another pose is not closed."""
+    link = '<geom type="capsule" size=".02" fromto="0 0 0 {}" contype="0" conaffinity="0"/>'.format
+    fourth = '<joint name="e" axis="0 1 0"/>' if "weld" in closed else ""
+    (tmp_path / "loop.xml").write_text(f'''<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>{link(".1 0 0")}
+        <body name="k" pos=".1 0 0"><joint name="b" axis="0 1 0"/>{link(".15 0 .1")}</body></body>
+        <body pos=".4 0 0"><joint name="d" axis="0 1 0"/>{link("0 0 .2")}<body name="k2" pos="0 0 .2">{fourth}
+        {link("-.15 0 -.1")}</body></body></worldbody><equality><{closed}/></equality></mujoco>''')  # fmt: skip
+    robot = nc.from_mjcf(tmp_path / "loop.xml", home=home)
+    design = robot.system.replace({"b_at": robot.system["b_at"] + np.array([0.01, 0.0, 0.005])})
+    model = mujoco.MjModel.from_xml_path(str(robot.save(tmp_path / "out.xml", design)))
+    data = mujoco.MjData(model)
+    for a in (-0.2, 0.1, 0.3):
+        data.qpos[:] = robot.positions([a], design)
+        mujoco.mj_forward(model, data)
+        assert data.ne
+        np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=2e-6)  # a file has six digits
+
+
+def test_the_frame_of_a_rod_is_where_the_saved_file_has_it(tmp_path):
+    """The design's ball is beside the line on which the frame was drawn."""
+    link = '<geom type="capsule" size=".02" fromto="0 0 0 {}" contype="0" conaffinity="0"/>'.format
+    (tmp_path / "rod.xml").write_text(f'''<mujoco><worldbody><body><joint name="a" axis="0 0 1"/>{link(".1 0 0")}
+        <body name="rod" pos=".1 0 0"><joint name="b" type="ball"/>{link(".2 .1 .2")}</body></body>
+        <body name="r" pos=".3 .1 0"><joint name="d" axis="1 0 0"/>{link("0 0 .2")}</body></worldbody>
+        <equality><connect body1="rod" body2="r" anchor=".2 .1 .2"/></equality></mujoco>''')  # fmt: skip
+    robot = nc.from_mjcf(tmp_path / "rod.xml")
+    design = robot.system.replace({"b_at": robot.system["b_at"] + np.array([0.0, 0.02, 0.0])})
+    model = mujoco.MjModel.from_xml_path(str(robot.save(tmp_path / "out.xml", design)))
+    data = mujoco.MjData(model)
+    poses = robot.pose([[-0.2], [0.2]], design)
+    places, axes = robot.frames(poses)["rod"]
+    for k, data.qpos[:] in enumerate(np.asarray(robot.joint_values(poses))):
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(places[k], data.body("rod").xpos, atol=1e-6)
+        np.testing.assert_allclose(axes[k].ravel(), data.body("rod").xmat, atol=1e-5)
+
+
 @pytest.mark.parametrize("turn", [(0.5, 0.5, 0.5, 0.5), (0.7071, 0, 0, 0.7071), (0.7071, 0.7071, 0, 0)])
 def test_a_keyframe_may_turn_a_ball_by_a_quarter(turn, tmp_path):
     """Coordinates that say where the ball is at first say nothing there."""

@@ -328,6 +328,15 @@ STILL = """<mujoco><worldbody><body name="a"><joint name="still" ref="5"/><geom 
 <equality><joint joint1="still" polycoef="{factors}"/></equality></mujoco>"""
 
 
+def test_a_mechanism_with_a_joint_that_follows_by_a_polynomial_is_saved(folder):
+    (folder / "tied.xml").write_text(TIED.format(tie='<joint joint1="one" joint2="two" polycoef="0 2 1 0 0"/>'))
+    robot = nc.from_mjcf(folder / "tied.xml")
+    again = nc.load(robot.mechanism.save(folder / "tied.toml")).compile()
+    home = robot.pose(np.zeros(2))
+    found = nc.solve_position(again, {"two": home["two"] + 0.3, "three": home["three"]})
+    assert float(found["one"] - home["one"]) == pytest.approx(2 * 0.3 + 0.3**2, abs=1e-12)
+
+
 @pytest.mark.parametrize("factors", [".3", "0", "-.2 1 3 0 0"])
 def test_a_joint_tied_to_none_stands_where_its_constant_says(factors, folder):
     robot = read(folder, STILL.format(factors=factors), "still.xml")
@@ -512,6 +521,19 @@ def test_bad_files(text, words, folder):
     assert all(word in str(error.value) for word in ["bad.xml", *words]), str(error.value)
 
 
+def test_values_and_rates_may_be_degrees(folder):
+    """Those of hinges; a slide's are lengths."""
+    geom = '<geom type="capsule" size=".02" fromto="0 0 0 .1 0 .1"/>'
+    text = f"""<mujoco><compiler angle="radian"/><worldbody><body><joint name="a" axis="0 1 0" ref=".2"/>{geom}
+        <body pos=".1 0 0"><joint name="b" axis="0 1 0" ref="-.4"/>{geom}<body><joint name="s" type="slide" ref=".3"/>
+        {geom}</body></body></body></worldbody></mujoco>"""
+    robot = read(folder, text, "hinges.xml")
+    pose = robot.pose([[10.0, -5.0, 0.4]], unit="deg", rates={"a": 90.0, "b": 0.0, "s": 0.1})
+    np.testing.assert_allclose(robot.joint_values(pose), [[np.pi / 18, -np.pi / 36, 0.4]], atol=1e-12)
+    rates = [pose.rates[0][0, robot.system.topology.position[c]] for c in robot.actuated]
+    np.testing.assert_allclose(rates, [np.pi / 2, 0.0, 0.1], atol=1e-12)
+
+
 def test_wrong_questions(gripper, folder):
     with pytest.raises(nc.ModelFileError, match="there is no such file"):
         nc.from_mjcf(folder / "nowhere.xml")
@@ -523,6 +545,8 @@ def test_wrong_questions(gripper, folder):
         nc.from_mjcf(folder / "gripper.xml", home="zero")
     with pytest.raises(nc.InputError, match=r"driven by 1 joint \(driver_joint\)"):
         gripper.positions(np.zeros(2))
+    with pytest.raises(nc.InputError, match=r"hold=: a robot chooses what it holds.*robot\.held"):
+        gripper.positions(np.zeros(1), hold=["driver_joint"])
     zero = float(gripper.pose(np.zeros(1))["driver_joint"])
     with pytest.raises(nc.AssemblyError, match=f"values of joints are less by driver_joint {zero:.6g}"):
         gripper.positions(np.array([30.0]))

@@ -210,6 +210,9 @@ def test_pieces_of_a_joint_get_names_of_their_own(folder):
     (folder / "planar.urdf").write_text(text.replace('name="j3"', 'name="j2 1"'))
     robot = nc.from_urdf(folder / "planar.urdf")
     assert robot.joints == ("j1", "j2 1 2", "j2 2", "j2 3", "j2 1") and len(robot.held) == 4
+    tilted = robot.system.replace({"j2_1_2_axis": (1.0, 0.0, 0.3)})
+    with pytest.raises(nc.InputError, match=r"'j2_1_2_axis' points elsewhere.*planar joint 'j2'"):
+        robot.save(folder / "tilted.urdf", tilted)
 
 
 def test_limits_of_slides_are_named(folder):

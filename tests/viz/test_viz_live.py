@@ -422,6 +422,35 @@ def test_a_saved_design_counts_turns_as_the_page_does(browser, tmp_path, tie, st
 
 
 @driven
+@pytest.mark.parametrize("model", [False, True])
+@pytest.mark.parametrize("driver", ["a", "b"])
+def test_what_follows_by_a_polynomial_keeps_its_zero(browser, tmp_path, driver, model):
+    """Changed, dragged and saved, b is 0.2 + 0.5 x + 0.3 x² from where it was drawn, x being what a is from there."""
+    m = nc.Mechanism("arm")
+    m.ground("A", (0, 0)), m.point("B", (1, 0.2)), m.point("C", (1.8, 0.9)), m.body("upper", ["A", "B"])
+    m.body("lower", ["B", "C"]), m.angle("a", at="A", to="B"), m.angle("b", at="B", to="C")
+    factors = {"a0": 0.1, "a1": 0.5, "a2": 0.3, "a3": 0.0, "a4": 0.0}
+    kind = nc.constraints.CATALOGUE["joint that follows another"]
+    m.constrain("law", kind, scalars=["b", "a"], constants=factors)
+    a, b = np.arctan2(0.2, 1.0), np.arctan2(0.7, 0.8)
+    motion = nc.sweep(m.compile(), {driver: {"a": a, "b": b + 0.1}[driver] + np.linspace(0.0, 0.3, 13)})
+    browser.open(motion.to_html(tmp_path / "arm.html", model=m if model else None), "#9")
+    enter(browser, "#sizes .control:nth-child(1)", 0.2)
+    browser.run("document.getElementById('shape').click()")
+    drag(browser, "C", (20, -10))
+    file = tmp_path / "changed.json"
+    file.write_text(saved(browser, "design"))
+    changed = nc.load(file).compile() if model else motion.system.replace(json.loads(file.read_text()))
+    at = changed.topology.position
+    for x in (0.05, 0.3):
+        wanted = {"a": a + x, "b": b + 0.2 + 0.5 * x + 0.3 * x**2}
+        found = nc.solve_position(changed, {driver: wanted[driver]})
+        on_page = browser.run(f"window.jaxnc.solve([{wanted[driver]}])")
+        for name, value in wanted.items():
+            assert (float(found[name]), on_page[at[name]]) == pytest.approx((value, value), abs=1e-9)
+
+
+@driven
 def test_a_table_has_poses_to_the_last_digit(browser, tmp_path):
     m = nc.Mechanism("crank", length_unit="mm")
     m.ground("A", (0, 0)), m.point("B", (300, 400)), m.body("crank", ["A", "B"]), m.angle("phi", at="A", to="B")
@@ -452,6 +481,33 @@ def test_poses_that_a_changed_design_does_not_reach_show_its_ground(browser, fou
     assert any(not row[head.index("B.x [m]")] for row in rows), "some poses fail"
     np.testing.assert_allclose([float(row[head.index("D.x [m]")]) for row in rows], ground[0], rtol=1e-9)
     assert all(row[head.index("phi [rad]")] for row in rows), "the input that was asked for stands"
+
+
+@driven
+def test_poses_that_only_a_changed_design_reaches_have_the_rates_that_were_asked_for(browser, tmp_path):
+    m = nc.Mechanism("bars")
+    m.ground("A", (0, 0)), m.ground("D", (4, 0)), m.point("B", (0, 2)), m.point("C", (3.3, 2.0))
+    m.body("crank", ["A", "B"]), m.body("coupler", ["B", "C"]), m.body("rocker", ["C", "D"])
+    m.angle("phi", at="A", to="B")
+    phi = np.linspace(1.5, 3.1, 33)
+    motion = nc.sweep(m.compile(), {"phi": phi}, rates={"phi": 10.0}, throw=False)
+    assert not motion.converged[20]
+    browser.open(motion.to_html(tmp_path / "bars.html"), "#3")
+    enter(browser, "#sizes .control:nth-child(2)", 5.5)
+    index = browser.run("[...document.getElementById('quantity').options].findIndex(o => o.text === 'speed of C')")
+    browser.run(
+        f"{{ const q = document.getElementById('quantity'); q.value = {index}; q.dispatchEvent(new Event('change')) }}"
+    )
+    posed(browser, 20)
+
+    def place(angle: float) -> complex:
+        """C where the circles about B and D meet."""
+        d = 4 - 2 * np.exp(1j * angle)
+        along = (5.5**2 - (0.7**2 + 2**2) + abs(d) ** 2) / (2 * abs(d))
+        return 4 - d + d / abs(d) * (along + 1j * np.sqrt(5.5**2 - along**2))
+
+    speed = 10 * abs(place(phi[20] + 1e-5) - place(phi[20] - 1e-5)) / 2e-5
+    assert float(text(browser, "reading").split()[0]) == pytest.approx(speed, rel=1e-4)
 
 
 @driven

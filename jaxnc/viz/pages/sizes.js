@@ -47,11 +47,12 @@ on($("design"), "click", () => {
   take();
   const q = drawing();
   if (!q) return say(D.sentences.home);
-  const out = structuredClone(L.design.file), at = markersAt(q), exact = x => +x.toPrecision(15);
-  const set = (path, value) => { if (!path?.length) return; let to = out; for (const key of path.slice(0, -1)) to = to[key] ??= {}; to[path[path.length - 1]] = value; };
+  const d = now.d.slice(), out = structuredClone(L.design.file), exact = x => +x.toPrecision(15);
+  const set = (path, value) => { if (path?.length) path.slice(0, -1).reduce((to, key) => to[key] ??= {}, out)[path.at(-1)] = value; };
   const places = (paths, from) => paths.forEach((path, i) => set(path, [...from.slice(dim * i, dim * i + dim)].map(exact)));
-  places(L.design.points, q); places(L.design.markers, at);
-  L.design.dimensions.forEach((path, i) => set(path, exact(now.d[i])));
+  places(L.design.points, q); places(L.design.markers, markersAt(q));
+  F.saved?.(q, now.c, d);
+  L.design.dimensions.forEach((path, i) => set(path, exact(d[i])));
   {{CENTRES}}
   save(file + ".json", "application/json", JSON.stringify(out, null, 1) + "\n");
 });

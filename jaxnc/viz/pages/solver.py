@@ -25,6 +25,7 @@ import numpy as np
 
 from jaxnc.constraints.coordinates import from_drawing
 from jaxnc.constraints.elementary import Small
+from jaxnc.constraints.joints import FOLLOWING
 from jaxnc.constraints.kind import norm
 from jaxnc.dynamics.extended import extended, lift, lift_rates
 from jaxnc.dynamics.model import Dynamics, dynamics, forces, mass_matrix
@@ -392,6 +393,8 @@ def _functions(top: Topology, view: Plan, rates: int) -> dict[str, str]:
         "guards(q,c,o)": body(found.guards, lambda k: f"o[{k}]"),
         "markers(q,k,o)": _markers(top),
     }
+    if any(block.kind == FOLLOWING for block in top.blocks):
+        parts["saved(q,c,d)"] = _factors_to_save(top)
     if rates > 1:
         parts["second(q,c,v,a,o)"] = _second(top, view)
     drawn = page_design(top)
@@ -440,12 +443,38 @@ def _markers(top: Topology) -> str:
     return javascript(b.program(lines), input_names(("q", n), ("k", b.inputs - n)), lambda k: f"o[{k}]")
 
 
+def _factors_to_save(top: Topology) -> str:
+    """Write the factors of polynomials between coordinates, counted from another drawing than the first one."""
+    n, first = len(top.coordinates), 0
+    b = Builder(n + count_numbers(top))
+    found: dict[int, int] = {}  # nodes by their dimensions
+    for block, layout in zip(top.blocks, top.layout, strict=True):
+        for k, scalars in enumerate(layout.scalars.tolist()):
+            if block.kind == FOLLOWING:
+                given = [d for i, _, d in sorted(block.given) if i == k]
+                if len(given) < 5:
+                    raise Refused("A page needs all five factors of a joint that follows another, a0 to a4.")
+                own = b.first[n + first : n + first + 7]
+                x, factors = b.op("sub", b.first[scalars[1]], own[1]), own[2:]
+                for j in (3, 2, 1, 0, 3, 2, 1, 3, 2, 3):  # Horner's scheme, for the value and for each slope
+                    factors[j] = b.op("add", factors[j], b.op("mul", x, factors[j + 1]))
+                found |= zip(given, [b.number(0.0), *factors[1:]], strict=True)
+            first += len(block.kind.constants) + len(block.kind.rows)
+    at = list(found)
+    return javascript(b.program([*found.values()]), input_names(("q", n), ("c", b.inputs - n)), lambda k: f"d[{at[k]}]")
+
+
 def _numbers(data: Poses, view: Plan, eq: HostEquations) -> dict[str, object]:
     """Collect what the page's solver reads: indices, the pose to start from, inputs of all poses, dimensions."""
     motion, top = data.motion, data.topology
-    start = int(np.flatnonzero(data.good)[0])
+    good = np.flatnonzero(data.good)
+    start = int(good[0])
     q = np.asarray(motion.q, float).reshape(data.count, -1)
-    rates = [np.asarray(x, float).reshape(data.count, -1)[:, list(view.driven)] for x in motion.rates[:2]]
+    # A pose that was not found has no rates, but other dimensions may reach it: it gets those between its neighbours'.
+    rates = [
+        np.stack([np.interp(np.arange(data.count), good, x[good, k]) for k in view.driven], axis=1)
+        for x in (np.asarray(x, float).reshape(data.count, -1) for x in motion.rates[:2])
+    ]
     par = motion.system.parameters
     names = [top.coordinates[k] for k in view.driven]
     guards = [(block, program(block.kind, "guard", top.dim)) for block in top.blocks]
@@ -620,7 +649,8 @@ class PageDesign(NamedTuple):
     program: Program
     # Constants of all instances, block after block; angles and distances as drawn; coefficients of the markers; the
     # explicit dimensions of bodies as drawn, other dimensions as they are. An angle that is counted from the drawing
-    # stays what it is, and so does the direction that it is counted from, which is none of these constants.
+    # stays what it is, and so do the direction that it is counted from and the values of coordinates that a polynomial
+    # between them is counted from, which are none of these constants.
     outputs: tuple[int, ...]
     # Places of the constants among the numbers of an instance, as `HostEquations.numbers` has them.
     constants: tuple[int, ...]
@@ -649,10 +679,10 @@ def page_design(top: Topology) -> PageDesign:
     x = run_steps(found, np.array([b.number(0.0), *q[:spread], *rest, *q[spread:]]), run, np.concatenate)
     at, nodes, first = [], [], 0
     for block, constants in zip(top.blocks, found.constants, strict=False):
+        stay = len(block.kind.constants) if from_drawing(block.kind) else 2 if block.kind == FOLLOWING else 0
         for instance in constants:
-            if not from_drawing(block.kind):
-                at += range(first, first + len(instance))
-                nodes += x[instance].tolist()
+            at += range(first + stay, first + len(instance))
+            nodes += x[instance[stay:]].tolist()
             first += len(block.kind.constants) + len(block.kind.rows)
     parts = (
         nodes,
