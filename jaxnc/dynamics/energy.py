@@ -219,6 +219,7 @@ class EnergyBalance:
 
 
 @public
+@as_its_system
 def energy_balance(motion: Motion) -> EnergyBalance:
     """Account for a motion's energy: what came in, what is stored, what was taken, and the error.
 
@@ -315,8 +316,8 @@ def _between(
     first = np.clip(np.arange(count - 1) - width // 2 + 1, 0, count - width)
     at = first[:, None] + np.arange(width)
     where = t[:-1] + s * h[:, 0]
-    near = t[at] - where[:, None]
-    gaps = t[at][:, :, None] - t[at][:, None, :] + np.eye(width)
+    near = np.subtract(t[at], where[:, None], dtype=float) / h  # in parts of the interval, whatever the unit of time
+    gaps = (t[at][:, :, None] - t[at][:, None, :]) / h[:, None] + np.eye(width)
     weights = np.stack([np.delete(-near, k, 1).prod(1) / gaps[:, k].prod(1) for k in range(width)], axis=1)
     return where, *curve, np.einsum("ik,ikr->ir", weights, lam[at])
 

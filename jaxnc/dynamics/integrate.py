@@ -132,7 +132,10 @@ def _norm(errors: Sequence[Array], old: Sequence[Array], new: Sequence[Array], c
         allowed = control.atol + (control.rtol + least) * size
         if least:  # what is small takes its rounding from what is large
             allowed = allowed + 0.1 * least * jnp.max(size)
-        return jnp.sqrt(jnp.mean((e / allowed) ** 2))
+        parts = jnp.abs(e / allowed)
+        # Against the largest, where that is beyond the limits; squares of large numbers of 32 bits would be infinite.
+        most = jnp.maximum(jnp.max(parts, initial=0.0), 1.0)
+        return most * jnp.sqrt(jnp.mean((parts / most) ** 2))
 
     return jnp.maximum(*(part(*x) for x in zip(errors, old, new, strict=True)))
 

@@ -217,7 +217,7 @@ def recall(flow: Flow, method: str, trail: Array) -> tuple[MotionState, StageSol
     phases = len(phases_of(method, True)["stage"])
     q, v, a, change, multipliers = jnp.split(trail, np.cumsum([n, n, n, phases * n]))
     state = MotionState(q, v, a, jnp.zeros(m), zero, zero)
-    return state, StageSolution(change.reshape(-1, n), multipliers.reshape(-1, m), *jnp.zeros((2, phases)))
+    return state, StageSolution(change.reshape(-1, n), multipliers.reshape(phases, m), *jnp.zeros((2, phases)))
 
 
 @filter_jit

@@ -786,13 +786,18 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
         return
     carrier = GROUND if GROUND in carriers else next(iter(carriers))
     keys: list[tuple[Key, Key]] = carriers[carrier]
-    place, force = (_on_rack if rack else _on_wheel)(ledger, j, b, i)
+    place, force, known = (_on_rack if rack else _on_wheel)(ledger, j, b, i)
+
+    def keep(x: Numbers) -> AnyArray:
+        """Take a force for zero where its place is not known, so that couples alone stay."""
+        return array_library(x, known).where(known if x.ndim > 1 else known[..., 0], x, 0.0)
+
     key = key_of(joint)
     given = [wrench[key] for wrench in ledger.wrenches if key in wrench]
     on_ground = tuple(-sum(parts) for parts in zip(*given, strict=True))
     befores = [on_ground if wheel == GROUND else ledger.wrenches[wheel][key] for wheel in wheels]
     for sign, wheel, before, (mine, theirs) in zip((1.0, -1.0), wheels, befores, keys, strict=True):
-        more = sign * force - before[0], sign * cross(place, force) - before[1]
+        more = keep(sign * force - before[0]), keep(sign * cross(place, force) - before[1])
         ledger.add(wheel, key, *more)
         ledger.add(wheel, mine, -more[0], -more[1])
         if carrier == GROUND:
@@ -801,7 +806,7 @@ def _put_mesh(ledger: Ledger, j: int) -> None:
             _bear(ledger, carrier, theirs, -more[0], -more[1])
         ledger.add(carrier, theirs, *more)
         ledger.add(carrier, key, -more[0], -more[1])
-    pull = ledger.pull(b, i)
+    pull = keep(ledger.pull(b, i))
     for k, c in enumerate(top.blocks[b].scalars[i]):
         ledger.lift_off(c, pull[:, k - len(scalars)])
 
@@ -854,8 +859,8 @@ def _bear(ledger: Ledger, wheel: int, key: Key, force: Numbers, moment: Numbers)
     ledger.ground(points[0], force)
 
 
-def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]:
-    """Return pitch point and force on the first wheel of a gear pair."""
+def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers, AnyArray]:
+    """Return pitch point and force on the first wheel of a gear pair, and where the axes meet or are parallel."""
     top, xp = ledger.top, array_library(ledger.points)
     constants = [c[:, None] for c in ledger.parts.constants[b][:, i].T]
     pull = ledger.pull(b, i)
@@ -868,6 +873,10 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
     else:
         axes = [_axis(ledger, side[1:]) for side in top.joints[j].sides[:2]]
     place, arm, generator, ratio = _pitch(xp, centres, axes, constants)
+    # Axes that pass each other, as a worm's, have no pitch line: by 1e-4 of the wheels' distance and radius, or more.
+    w, normal = centres[1] - centres[0], cross(*axes)
+    apart = xp.abs((w * normal).sum(-1)) - 1e-4 * (magnitude(w) + constants[0][..., 0]) * magnitude(normal)
+    known = ((normal * normal).sum(-1) <= 1e-12) | (apart <= 0.0)  # parallel as in `_pitch`
     along = cross(axes[0], arm)
     force = along * (couple / (arm * arm).sum(-1))[..., None]
     pressure = ledger.parts.pressure.get(j)
@@ -876,7 +885,7 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]
         across = arm - generator * (arm * generator).sum(-1)[..., None]
         ring = xp.where((ratio < 0.0) & (ratio > -1.0), -1.0, 1.0)[..., 0]
         force = force - _unit(across) * (ring * xp.tan(pressure) * magnitude(force))[..., None]
-    return place[..., : top.dim], force[..., : top.dim]
+    return place[..., : top.dim], force[..., : top.dim], known[..., None]
 
 
 def _pitch(
@@ -915,19 +924,21 @@ def _pitch(
     return place, arm, xp.where(parallel, a, g), xp.where(parallel, side, met)
 
 
-def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers]:
-    """Return pitch point and force on the pinion of a rack."""
+def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers, AnyArray]:
+    """Return pitch point and force on the pinion of a rack, and where the pinion is beside the rack's line."""
     top, xp = ledger.top, array_library(ledger.points)
-    (centre, *_), (start, *along) = top.joints[j].sides[:2]
-    line = _unit(_axis(ledger, along))
-    w = ledger.points[..., start, :] - ledger.points[..., centre, :]
-    out = _unit(w - line * (w * line).sum(-1)[..., None])
+    centre, at = top.blocks[b].points[i][:2]
+    line = _unit(_axis(ledger, top.joints[j].sides[1][1:]))
+    w = ledger.points[..., at, :] - ledger.points[..., centre, :]
+    across = w - line * (w * line).sum(-1)[..., None]
+    known = magnitude(across)[..., None] > 1e-6 * (magnitude(w)[..., None] + ledger.parts.constants[b][:, i, :1])
+    out = _unit(xp.where(known, across, 1.0))
     force = -line * ledger.pull(b, i)[..., -2][..., None]
     place = ledger.points[..., centre, :] + out * ledger.parts.constants[b][:, i, :1]
     pressure = ledger.parts.pressure.get(j)
     if pressure is not None:
         force = force - out * (xp.tan(pressure) * magnitude(force))[..., None]
-    return place, force
+    return place, force, known
 
 
 def _axis(ledger: Ledger, segment: Sequence[int]) -> Numbers:
@@ -1077,9 +1088,9 @@ def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
     assert index.bodies is not None
     turns = [_spin_and_couple(top, body, now.q, now.v) for body in index.bodies]
     against = coefficient * radius * _oppose((turns[0][0] - turns[1][0]) * radius, speed)
-    held = sum(index.point in body.points for body in top.bodies)
     # Of a pin that more bodies share, the force into the first is meant.
-    seen = [(k, body) for k, body in enumerate(index.bodies) if body != GROUND][: 1 if held > 2 else 2]
+    most = 1 if len(item_holders(top)[index.point]) > 2 else 2
+    seen = [(k, body) for k, body in enumerate(index.bodies) if body != GROUND][:most]
     sides: list[tuple[int, Array, np.ndarray, Array]] = []
     for k, body in seen:
         pull, at = _through(now, body, index.point)
@@ -1099,8 +1110,10 @@ def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
             # Below zero where there is none: the couple is larger than what the body can bear.
             each.append((square, jnp.where((inner > 0) & (root > 0), size / jnp.where(root > 0, root, 1.0), -size)))
         (square, force), *other = each
-        for less, more in other:  # of two bodies the one with the longer arm tells it better
-            force = jnp.where(less < square, more, force)
+        # The first one counts where the pin bears a load of its own. Where its arm is so short that its own equation
+        # may have two solutions or none, the longer arm tells it.
+        for less, more in other:
+            force = jnp.where((square >= 1.0) & (less < square), more, force)
         return force
 
     return _Rubbing(turns[0][1](against), -turns[1][1](against), index.bodies, normal)

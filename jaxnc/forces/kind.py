@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxnc.calls import public
-from jaxnc.constraints.elementary import ratio
+from jaxnc.constraints.elementary import ratio, where
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.pickling import Remade, register_by_name
 
@@ -58,14 +58,29 @@ class ForceKind(Remade):
 # -- springs, dampers and stops: between two points, and on a coordinate (an angle, a distance) -----------------------
 
 
-def _energy(x, c):
+def _energy(x, square, c):
     # Force against lengthening: preload + stiffness x + cubic x³.
-    return c[2] * x + 0.5 * c[0] * x * x + 0.25 * c[3] * x**4
+    return c[2] * x + 0.5 * c[0] * square + 0.25 * c[3] * square * square
+
+
+def _stretch_energy(p, v, s, c):
+    d, free = p[1] - p[0], c[1]
+    length = norm(d)
+    x = length - free
+    # Of free length 0 the square is smooth where the points meet, but the length is not.
+    return _energy(x, where(free == 0.0, dot(d, d) - free * (length + x), x * x), c)
 
 
 def _speed(p, dp):
-    d = p[1] - p[0]
-    return ratio(dot(d, dp[1] - dp[0]), norm(d))
+    # Points that meet part, with all of their speed.
+    d, rate = p[1] - p[0], dp[1] - dp[0]
+    length = norm(d)
+    return where(length > 0.0, ratio(dot(d, rate), length), norm(rate))
+
+
+def _stretch_loss(p, v, s, dp, dv, ds, c):
+    rate, x = dp[1] - dp[0], _speed(p, dp)
+    return _loss(x, where(norm(p[1] - p[0]) > 0.0, x * x, dot(rate, rate)), c)
 
 
 def _stop(x, c):
@@ -79,15 +94,15 @@ def _stop_damping(x, dx, c):
     return 0.5 * c[3] * depth * dx * dx
 
 
-def _loss(x, c):
-    return 0.5 * c[0] * x * x + c[1] * jnp.abs(x) ** 3 / 3.0
+def _loss(x, square, c):
+    return 0.5 * c[0] * square + c[1] * jnp.abs(x) ** 3 / 3.0
 
 
 SPRING = ForceKind(
     "spring",
     _STIFFNESS,
     points=2,
-    potential=lambda p, v, s, c: _energy(norm(p[1] - p[0]) - c[1], c),
+    potential=_stretch_energy,
     drawn=lambda p, v, s: (None, norm(p[1] - p[0]), 0.0, 0.0),
     positive=("stiffness", "free"),
 )
@@ -96,7 +111,7 @@ DAMPER = ForceKind(
     "damper",
     ("damping", "quadratic"),
     points=2,
-    dissipation=lambda p, v, s, dp, dv, ds, c: _loss(_speed(p, dp), c),
+    dissipation=_stretch_loss,
     drawn=lambda p, v, s: (None, 0.0),
     positive=("damping", "quadratic"),
 )
@@ -115,7 +130,7 @@ COORDINATE_SPRING = ForceKind(
     "coordinate spring",
     _STIFFNESS,
     scalars=1,
-    potential=lambda p, v, s, c: _energy(s[0] - c[1], c),
+    potential=lambda p, v, s, c: _energy(s[0] - c[1], (s[0] - c[1]) * (s[0] - c[1]), c),
     drawn=lambda p, v, s: (None, s[0], 0.0, 0.0),
     positive=("stiffness",),
 )
@@ -124,7 +139,7 @@ COORDINATE_DAMPER = ForceKind(
     "coordinate damper",
     ("damping", "quadratic"),
     scalars=1,
-    dissipation=lambda p, v, s, dp, dv, ds, c: _loss(ds[0], c),
+    dissipation=lambda p, v, s, dp, dv, ds, c: _loss(ds[0], ds[0] * ds[0], c),
     drawn=lambda p, v, s: (None, 0.0),
     positive=("damping", "quadratic"),
 )

@@ -830,7 +830,7 @@ class Mechanism(Drawn):
         Args:
             name: its name.
             angle: the pinion's angle about its axis, from a direction that stands still to the pinion.
-            distance: the rack's distance along its line, from a point that stands still to the rack.
+            distance: the rack's distance along its line, from a point that stands still to one on its pitch line.
             radius: pitch radius, a length; read off the drawing (the pinion's centre to the rack's line) if not given.
             pressure_angle: rad; reactions then have the separating force F tan α beside the tangential force F.
         """

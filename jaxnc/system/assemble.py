@@ -1286,19 +1286,19 @@ class SpatialAssembler(Assembler):
         centre = self.index[angle.at] if angle.at is not None else to[0] if len(to) == 2 else None
         if centre is None:
             raise MechanismError(f"{what}: angle {j.angle!r} has no at=, so the pinion's centre is not known; give it")
-        start = self.index[distance.start]
+        start, end = self.index[distance.start], self.index[distance.to]
         along = self.end(distance.start, distance.along, what)
         self.perpendicular(axis, along, what, "the pinion's axis", "the rack's line")
-        if j.radius is None:
-            w = self.home[start] - self.home[centre]
-            d = self.unit(along)
-            if np.linalg.norm(w - (w @ d) * d) < 1e-9 * self.size:
-                raise MechanismError(
-                    f"{what}: the pinion's centre is drawn on the rack's line, so its radius is not known; give radius="
-                )
-        given = self.radius(j)
+        # The distance may be counted from anywhere, also from the pinion's centre: its end is on the rack.
+        ways = ((p, self.home[p] - self.home[centre]) for p in (end, start))
+        off = [p for p, w in ways if np.linalg.norm(w - (w @ self.unit(along)) * self.unit(along)) > 1e-9 * self.size]
+        if j.radius is None and not off:
+            raise MechanismError(
+                f"{what}: the pinion's centre is drawn on the rack's line, so its radius is not known; give radius="
+            )
+        places, given = (centre, *off[:1], end)[:2], self.radius(j)
         scalars = (self.scalar(j.distance), self.scalar(j.angle))
-        self.write(lambda forms: kinds.rack(forms, False), (axis, along), (centre, start), scalars=scalars, given=given)
+        self.write(lambda forms: kinds.rack(forms, False), (axis, along), places, scalars=scalars, given=given)
         held, pressure = ((centre, *axis), (start, *along), to), self.pressure(j.pressure_angle)
         self.note(1, (centre, start), (axis, along), held, pressure=pressure)
 

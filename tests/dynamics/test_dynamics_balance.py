@@ -475,3 +475,45 @@ def test_traced_frequencies_where_the_drawings_coordinate_stands_still():
     assert jax.grad(frequency)(30.0) == pytest.approx(slope, rel=1e-8)
     asked = jax.vmap(jax.value_and_grad(functools.partial(frequency, names=["B.y"])))(jnp.array([30.0]))
     assert np.isnan(asked[0]).all() and np.isfinite(asked[1]).all()
+
+
+@pytest.mark.parametrize("start, radius", [((0, 0, 0), 0.05), ((0, 0, 0.03), None), ((-0.5, 0.2, 0), None)])
+def test_racks_on_both_sides_of_a_pinion_go_opposite_ways(start, radius):
+    """Whatever their distances are counted from; 10 N on the upper rack push on the pinion's rim."""
+    m = nc.Mechanism("two racks", dim=3)
+    m.ground("C", (0, 0, 0)), m.ground("O", start), m.ground("G", (-1, 0.05, 0)), m.ground("H", (-1, -0.05, 0))
+    m.ground_vector("ex", (1, 0, 0)), m.ground_vector("ey", (0, 1, 0)), m.ground_vector("ez", (0, 0, 1))
+    m.point("P", (0.05, 0, 0)), m.point("up", (0.1, 0.05, 0)), m.point("low", (0.1, -0.05, 0))
+    m.body("pinion", ["C", "P"], vectors=["ez"])
+    m.angle("phi", at="C", to="P", about="ez")
+    for name, guide in (("up", "G"), ("low", "H")):
+        m.body(f"rack {name}", [name], vectors=["ex", "ey"])
+        m.cylindrical(f"guide {name}", line=(guide, "ex"), on=name)
+        m.distance(f"s_{name}", "O", name, along="ex")
+        m.rack_and_pinion(f"mesh {name}", "phi", f"s_{name}", radius=radius)
+    m.torque("load", "s_up", 10.0)
+    system = m.compile()
+    motion = nc.motion(system, {"phi": lambda t: t}, np.array([0.0, 0.1]))
+    assert float(motion.velocity("s_up")[0]) == pytest.approx(-0.05)
+    assert float(motion.velocity("s_low")[0]) == pytest.approx(0.05)
+    tooth = nc.inverse_dynamics(system, motion).reactions.joint("mesh up", on="pinion")
+    np.testing.assert_allclose(tooth.force[0], [10, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(tooth.moment[0], [0, 0, -0.5], atol=1e-9)
+
+
+def test_of_wheels_on_axes_that_pass_each_other_only_couples_are_known():
+    """A worm's couple on its wheel is the load; nothing says which forces go with it."""
+    m = nc.Mechanism("worm", dim=3)
+    m.ground("A", (0, 0, 0)), m.ground("B", (0, 0, 0.1))
+    m.ground_vector("a", (1, 0, 0)), m.ground_vector("b", (0, 1, 0))
+    m.point("P", (0, 0.02, 0)), m.point("Q", (0.08, 0, 0.1))
+    m.body("worm", ["A", "P"], vectors=["a"]), m.body("wheel", ["B", "Q"], vectors=["b"])
+    m.angle("phi", at="A", to="P", about="a"), m.angle("psi", at="B", to="Q", about="b")
+    m.bevel_gear("mesh", "phi", "psi", radii=(0.02, 0.08))
+    m.torque("load", "psi", 3.0)
+    system = m.compile()
+    motion = nc.motion(system, {"phi": lambda t: 2 * t}, np.linspace(0, 1, 2))
+    found = nc.inverse_dynamics(system, motion).reactions
+    for body, couple in (("worm", [-0.75, 0, 0]), ("wheel", [0, -3, 0])):
+        np.testing.assert_allclose(found.joint("mesh", on=body).force, 0.0, atol=1e-12)
+        np.testing.assert_allclose(found.joint("mesh", on=body).moment[0], couple, atol=1e-9)

@@ -323,3 +323,18 @@ def test_the_hosts_share_of_a_traced_gradient_is_mapped_and_a_lane_that_fails_pa
         ends = [np.sum(run(stiffness[k] + s, places[k])["B"][-1]) for s in (h, -h)]
         np.testing.assert_allclose(slopes[k], (ends[0] - ends[1]) / (2.0 * h), rtol=1e-8)  # of the difference
     assert slopes[1] == 0.0 and np.isfinite(by_place[1]).all()
+
+
+def test_the_reverse_derivative_of_a_mass_in_space_that_no_row_holds():
+    """A swing through the foot of a spring of no length, ``sin(w t) / w``."""
+    m = nc.Mechanism("mass", dim=3)
+    m.ground("O", (0, 0, 0))
+    m.point("P", (0, 0, 0))
+    m.point_mass("block", "P", 2.0)
+    m.spring("k", "O", "P", stiffness=200.0, free=0.0)
+
+    def end(system):
+        return nc.simulate(system, [0, 1], rates={"P.x": 1.0}, method="rk4", step=1e-3)["P"][-1, 0]
+
+    found = jax.grad(end)(m.compile())["k.stiffness"]
+    assert float(found) == pytest.approx((np.cos(10) / 10 - np.sin(10) / 100) * 10 / 400, rel=1e-6)

@@ -122,6 +122,17 @@ def test_gradients_are_those_of_64_bits(wide):
     near(gradients(four_bar().compile(dtype="float32")), wide["gradients"])
 
 
+def test_a_large_acceleration_from_rest_is_begun():
+    """A slider of 10 g under 10 kN in millimetres and tonnes goes 100 mm, ``a t² / 2``."""
+    m = nc.Mechanism("slider", length_unit="mm")
+    m.ground("O", (0, 0))
+    m.point("P", (10, 0), fixed="y")
+    m.point_mass("block", "P", 1e-5)
+    m.force("push", "P", (1e4, 0))
+    run = nc.simulate(m.compile(dtype="float32"), [0, np.sqrt(2 * 100 / 1e9)], most=1000)
+    assert float(run["P.x"][-1]) == pytest.approx(110.0, rel=1e-5)
+
+
 def test_a_simulation_that_breaks_off_names_what_has_more_digits():
     system = four_bar().compile(dtype="float32")
     with pytest.raises(nc.AssemblyError, match=r"most=.*32 bits.*astype\('float64'\)"):

@@ -29,6 +29,23 @@ def block(rubs: bool) -> nc.System:
     return m.compile()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e7])
+def test_an_account_in_any_unit_of_time_and_with_32_bits(unit):
+    """A link whose damped angle rises as ``2 t + t²``: the damper takes ``∫ c φ'² dt``."""
+    m = nc.Mechanism("link")
+    m.ground("A", (0, 0))
+    m.point("B", (0.1, 0))
+    m.body("link", ["A", "B"], mass=0.5)
+    m.angle("phi", at="A", to="B")
+    m.damper("d", "phi", damping=0.1 / unit)
+    t = np.linspace(0, 1, 33) * unit
+    run = nc.motion(m.compile(dtype="float32"), {"phi": lambda t: 2 * t / unit + (t / unit) ** 2}, t)
+    found = energy_balance(run)
+    assert found.dissipated[-1] * unit**2 == pytest.approx(0.1 * 4 * (1 + 1 + 1 / 3), rel=1e-4)
+    assert found.relative < 1e-4
+
+
 def test_a_free_motion_against_its_closed_form():
     """v = v∞ + (v₀ - v∞) exp(-c t / m), with v∞ = F / c: what the force gave and the damper took follow by hand."""
     t = np.linspace(0, 1, 21)

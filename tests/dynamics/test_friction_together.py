@@ -129,3 +129,45 @@ def test_bodies_balance_whichever_axis_an_angle_turns_about(about):
         wrenches = found.on(body, about="A").values()
         assert np.abs(sum(np.asarray(w.moment[0]) for w in wrenches)).max() < 1e-9
         assert np.abs(sum(np.asarray(w.force[0]) for w in wrenches)).max() < 1e-9
+
+
+@pytest.mark.parametrize("lengths", [(1.0, 3.0), (3.0, 1.0)])
+@pytest.mark.parametrize("bodies", [("one", "two"), ("two", "one")])
+def test_the_force_into_the_first_body_presses_in_a_pin_on_the_ground(bodies, lengths):
+    """Two levers on one ground pin, pulled along their lines with 50 and 200 N."""
+    m = nc.Mechanism("levers")
+    m.ground("O", (0, 0))
+    m.point("P", (lengths[0], 0))
+    m.point("Q", (0, lengths[1]))
+    m.body("one", ["O", "P"])
+    m.body("two", ["O", "Q"])
+    m.angle("a", at="O", to="P")
+    m.angle("b", at="O", to="Q")
+    m.force("pull", "P", (50.0, 0.0))
+    m.force("pull2", "Q", (0.0, 200.0))
+    m.friction("rub", coefficient=0.1, bodies=bodies, at="O", radius=0.02, speed=1e-6)
+    turn = {"a": lambda t: 1e-3 * t, "b": lambda t: np.pi / 2 - 1e-3 * t}
+    system = m.compile()
+    found = nc.inverse_dynamics(system, nc.motion(system, turn, np.array([0.0, 1e-3])))
+    assert float(found["a"][0]) == pytest.approx(0.1 * 0.02 * {"one": 50.0, "two": 200.0}[bodies[0]], rel=1e-4)
+
+
+@pytest.mark.parametrize("lengths", [(1.0, 1.01), (1.01, 1.0)])
+@pytest.mark.parametrize("bodies", [("one", "two"), ("two", "one")])
+def test_the_force_into_the_first_body_presses_in_a_pin_with_a_load(bodies, lengths):
+    """Two bars in line: 7 N at the end, and 100 N on the pin between them, which the first one holds."""
+    m = nc.Mechanism("two bars")
+    m.ground("A", (-lengths[0], 0))
+    m.point("P", (0, 0))
+    m.point("Q", (lengths[1], 0))
+    m.body("one", ["A", "P"])
+    m.body("two", ["P", "Q"])
+    m.angle("a", at="A", to="P")
+    m.angle("b", at="P", to="Q")
+    m.force("on pin", "P", (100.0, 0.0))
+    m.force("end", "Q", (7.0, 0.0))
+    m.friction("rub", coefficient=0.1, bodies=bodies, at="P", radius=0.02, speed=1e-6)
+    system = m.compile()
+    turn = {"a": lambda t: 0.0 * t, "b": lambda t: 1e-3 * t}
+    found = nc.inverse_dynamics(system, nc.motion(system, turn, np.array([0.0, 1e-3])))
+    assert float(found["b"][0]) == pytest.approx(0.1 * 0.02 * {"one": 107.0, "two": 7.0}[bodies[0]], rel=1e-4)

@@ -205,3 +205,43 @@ def test_a_pose_that_is_held_far_from_the_drawing_is_found_on_its_branch():
     np.testing.assert_allclose(rest.motion.q, there.q, atol=1e-12)
     half = 0.5 * float(np.asarray(rest["B"])[0] - np.asarray(rest["A"])[0])
     assert float(rest.reactions.effort("phi")) == pytest.approx(G * half, rel=1e-9)
+
+
+def bushing(free: float = 0.0) -> nc.Mechanism:
+    """A mass of 2 kg at the foot of a spring of 200 N/m with a damper beside it."""
+    m = nc.Mechanism("bushing")
+    m.ground("O", (0, 0))
+    m.point("P", (0, 0))
+    m.point_mass("block", "P", 2.0)
+    m.spring("k", "O", "P", stiffness=200.0, free=free)
+    return m
+
+
+def test_a_spring_without_length_is_stiff_all_around():
+    """A mass on it swings with sqrt(k / m) any way; the spring's foot and its free length carry it along."""
+    m = bushing()
+    system = m.compile()
+    rest = nc.equilibrium(system)
+    assert rest.stable
+    np.testing.assert_allclose(nc.linearise(system, rest).frequencies, [10, 10], rtol=1e-9)
+    foot = jax.grad(lambda s: nc.equilibrium(s)["P"][1])(system)
+    np.testing.assert_allclose(foot["O"], [0, 1], atol=1e-9)
+    for pull in (9.81, 1e-6):
+        m.gravity = (0, -pull)
+        system = m.compile()
+        hung = nc.equilibrium(system, method="minimum")
+        np.testing.assert_allclose(hung["P"], [0, -pull / 100], atol=1e-12)
+        lower = jax.grad(lambda s: nc.equilibrium(s)["P"][1])(system)
+        assert float(lower["k.free"]) == pytest.approx(-1.0, abs=1e-6)
+
+
+def test_a_damper_without_length_slows_what_leaves_it():
+    """A damped swing in a straight line through the foot of both."""
+    m = bushing()
+    m.damper("c", "O", "P", damping=1.0)
+    system = m.compile()
+    found = nc.linearise(system, nc.equilibrium(system)).eigenvalues
+    np.testing.assert_allclose(np.real(found), [-0.25] * 4, atol=1e-9)
+    t, fast = np.linspace(0, 1, 5), np.sqrt(100 - 1 / 16)
+    run = nc.simulate(system, t, rates={"P.x": 1.0})
+    np.testing.assert_allclose(run["P"][:, 0], np.exp(-t / 4) * np.sin(fast * t) / fast, atol=1e-8)

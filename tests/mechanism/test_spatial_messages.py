@@ -266,7 +266,7 @@ COMPILER = [
     ),
     (
         "pinion on the rack's line",
-        [wheels, lambda m: (m.distance("s", "A", "R", along="B"), m.rack_and_pinion("j", "f", "s"))],
+        [wheels, lambda m: (m.distance("s", "A", "B", along="B"), m.rack_and_pinion("j", "f", "s"))],
         ["'j'", "on the rack's line", "radius="],
     ),
     (
