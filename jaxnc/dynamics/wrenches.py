@@ -26,7 +26,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -972,8 +972,9 @@ class _Rubbing(NamedTuple):
     one: Array  # what each unit of the force that presses puts on its two bodies, (N,)
     other: Array
     bodies: tuple[int, int]
-    # the force that presses, by what other frictions put on a body, (N,), or, of None, on all
-    normal: Callable[[Callable[[int | None], Array]], Array]
+    felt: Array  # forces in the joint, linear in accelerations and multipliers
+    # the force that presses, by those and by what other frictions put on a body, (N,), or, of None, on all
+    normal: Callable[[Array, Callable[[int | None], Array]], Array]
 
 
 def friction_forces(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array | float = 0.0) -> Array:
@@ -997,33 +998,37 @@ def balance_friction(
         The forces, what else was wanted, and whether the joints slide rather than lock.
     """
     still, rows = jnp.zeros_like(q), jnp.zeros(len(dyn.topology.rows) + len(dyn.topology.rate_rows))
-    ways = jnp.stack([rub.one + rub.other for rub in _list_rubbing(dyn, q, v, still, rows, t)])
+    every = _list_rubbing(dyn, q, v, still, rows, t)
+    ways = jnp.stack([rub.one + rub.other for rub in every])
 
-    def press(normals: Array) -> tuple[Array, tuple[Array, PyTree]]:
-        total = normals @ ways
-        a, lam, more = respond(total)
-        return _press(_list_rubbing(dyn, q, v, a, lam, t), normals), (total, more)
+    def answer(normals: Array) -> tuple[list[Array], PyTree]:
+        a, lam, more = respond(normals @ ways)
+        return [rub.felt for rub in _list_rubbing(dyn, q, v, a, lam, t)], more
 
-    _, (total, more), slides = _solve_normals(press, jnp.zeros(len(ways)))
-    return total, more, slides
+    # All of it is linear in the forces that press: the equations of motion are solved once, and no step contains them.
+    begin, push = jax.linearize(answer, jnp.zeros(len(ways)))
+    slopes = jax.vmap(push)(jnp.eye(len(ways)))
+
+    def at(normals: Array) -> tuple[list[Array], PyTree]:
+        return jax.tree.map(lambda x, slope: x + jnp.tensordot(normals, slope, 1), begin, slopes)
+
+    normals, slides = _solve_normals(lambda given: _press(every, at(given)[0], given), jnp.zeros(len(ways)))
+    return normals @ ways, at(normals)[1], slides
 
 
-def _solve_normals(press: Callable[[Array], tuple[Array, PyTree]], begin: Array) -> tuple[Array, PyTree, Array]:
-    """Find forces that press as their own friction makes them, what goes with them, and whether there are any."""
+def _solve_normals(press: Callable[[Array], Array], begin: Array) -> tuple[Array, Array]:
+    """Find forces that press as their own friction makes them, and tell whether there are any."""
     count = len(begin)
 
-    def closer(state: tuple[Array, Any], _: None) -> tuple[tuple[Array, Any], Array]:
-        normals, _ = state
-        found, push, more = jax.linearize(press, normals, has_aux=True)
+    def closer(normals: Array, _: None) -> tuple[Array, Array]:
+        found, push = jax.linearize(press, normals)
         slope = jax.vmap(push, out_axes=1)(jnp.eye(count))
         off = (jnp.max(jnp.abs(found - normals)) > 1e-4 * jnp.max(jnp.abs(found))) | jnp.any(found < 0.0)
-        return (normals + solver(jnp.eye(count) - slope)(found - normals), more), off
+        return normals + solver(jnp.eye(count) - slope)(found - normals), off
 
-    shapes = jax.eval_shape(press, begin)[1]
-    first = begin, jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
     # Of seven steps the first one begins without friction, and the last one has nothing left to gain.
-    (normals, more), off = jax.lax.scan(closer, first, None, length=7)
-    return normals, more, ~off[-1]
+    normals, off = jax.lax.scan(closer, begin, None, length=7)
+    return normals, ~off[-1]
 
 
 def frictions(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array | float) -> list[tuple[Array, Array]]:
@@ -1031,14 +1036,15 @@ def frictions(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array 
     every = _list_rubbing(dyn, q, v, a, lam, t)
     if not every:
         return []
-    normals = _press(every, jnp.zeros(len(every)))
+    felt = [rub.felt for rub in every]
+    normals = _press(every, felt, jnp.zeros(len(every)))
     if len(every) > 1:
-        normals = _solve_normals(lambda given: (_press(every, given), ()), normals)[0]
+        normals = _solve_normals(lambda given: _press(every, felt, given), normals)[0]
     return [(n * rub.one, n * rub.other) for n, rub in zip(normals, every, strict=True)]
 
 
-def _press(every: Sequence[_Rubbing], normals: Array) -> Array:
-    """Find the force that presses in each friction, beside the others' at such forces, ``(frictions,)``."""
+def _press(every: Sequence[_Rubbing], felt: Sequence[Array], normals: Array) -> Array:
+    """Find the force that presses in each friction, by what is felt there and beside others' ``(frictions,)``."""
 
     def beside(k: int) -> Callable[[int | None], Array]:
         def total(body: int | None) -> Array:
@@ -1051,7 +1057,7 @@ def _press(every: Sequence[_Rubbing], normals: Array) -> Array:
 
         return total
 
-    return jnp.stack([rub.normal(beside(k)) for k, rub in enumerate(every)])
+    return jnp.stack([rub.normal(own, beside(k)) for k, (rub, own) in enumerate(zip(every, felt, strict=True))])
 
 
 def _list_rubbing(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array | float) -> list[_Rubbing]:
@@ -1091,15 +1097,15 @@ def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
     # Of a pin that more bodies share, the force into the first is meant.
     most = 1 if len(item_holders(top)[index.point]) > 2 else 2
     seen = [(k, body) for k, body in enumerate(index.bodies) if body != GROUND][:most]
-    sides: list[tuple[int, Array, np.ndarray, Array]] = []
+    pulls, sides = [], list[tuple[int, np.ndarray, Array]]()
     for k, body in seen:
         pull, at = _through(now, body, index.point)
-        own = jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)
-        sides.append((body, pull, at, own))
+        pulls.append(pull)
+        sides.append((body, at, jnp.sum(spread(top, turns[k][1](against if k == 0 else -against))[0][at], axis=0)))
 
-    def normal(beside: Callable[[int | None], Array]) -> Array:
+    def normal(felt: Array, beside: Callable[[int | None], Array]) -> Array:
         each: list[tuple[Array, Array]] = []
-        for body, found, at, own in sides:
+        for (body, at, own), found in zip(sides, felt, strict=True):
             # What couples of friction put on the body where the joint holds it is taken out again. The own one is
             # proportional to the force n that is wanted, so both follow from one equation, n = |pull - n own|.
             pull = found - jnp.sum(spread(top, beside(body))[0][at], axis=0)
@@ -1116,7 +1122,7 @@ def _rub_hinge(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
             force = jnp.where((square >= 1.0) & (less < square), more, force)
         return force
 
-    return _Rubbing(turns[0][1](against), -turns[1][1](against), index.bodies, normal)
+    return _Rubbing(turns[0][1](against), -turns[1][1](against), index.bodies, jnp.stack(pulls), normal)
 
 
 def _spin_and_couple(top: Topology, body: int, q: Array, v: Array) -> tuple[Array, Callable[[Array], Array]]:
@@ -1151,7 +1157,8 @@ def _rub_guide(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing:
         push,
         jnp.zeros_like(now.q),
         friction_bodies(top, index),
-        lambda beside: magnitude((whole - beside(None))[at[fixed]]),
+        whole[at[fixed]],
+        lambda felt, beside: magnitude(felt - beside(None)[at[fixed]]),
     )
 
 
@@ -1170,9 +1177,10 @@ def _rub_slider(now: _Instant, index: FrictionIndex, numbers: Array) -> _Rubbing
     part = jnp.dot(points[at] - points[start], u) / size if top.dim == 2 else 0.0
     ends = {start: part - 1.0, far: -part} if top.dim == 2 else {start: -1.0}
     force, _ = spread(top, row_forces(now.dyn.eq, top.rows_of(index.joint), now.q, now.lam))
-    normal = magnitude(jnp.sum(force[np.array(on)], axis=0))
+    felt = jnp.sum(force[np.array(on)], axis=0)
     slide = jnp.dot(rates[at] + sum(share * rates[k] for k, share in ends.items()), u)
     push = -numbers[0] * jnp.tanh(slide / numbers[1]) * u
     none, axes = jnp.zeros_like(now.q), np.arange(top.dim)
     line = sum((none.at[axes + k * top.dim].add(share * push) for k, share in ends.items()), none)
-    return _Rubbing(none.at[axes + at * top.dim].add(push), line, friction_bodies(top, index), lambda beside: normal)
+    ways = none.at[axes + at * top.dim].add(push), line
+    return _Rubbing(*ways, friction_bodies(top, index), felt, lambda felt, _: magnitude(felt))
