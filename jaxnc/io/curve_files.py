@@ -110,7 +110,10 @@ def _find_path(path: Path, id: str | None) -> tuple[str, np.ndarray, str]:
         raise ModelFileError(f"{path} is not a drawing in SVG ({error})") from None
     if _tag(root) != "svg":
         raise ModelFileError(f"{path} is not a drawing in SVG: its first element is <{_tag(root)}>")
-    found = [(e, m) for e, m in _elements(root, np.eye(2, 3), str(path)) if _tag(e) == "path"]
+    every = [(e, m, shown) for e, m, shown in _elements(root, np.eye(2, 3), str(path)) if _tag(e) == "path"]
+    found = [(e, m) for e, m, shown in every if shown or id is not None]
+    if every and not found:
+        raise ModelFileError(f"{path}: none of its paths is shown; give the id of one")
     if not found:
         others = sorted({_tag(e) for e in root.iter()} & set(_SHAPES))
         hint = f"; turn <{'>, <'.join(others)}> into paths in the drawing program" if others else ""
@@ -125,14 +128,15 @@ def _find_path(path: Path, id: str | None) -> tuple[str, np.ndarray, str]:
     return element.get("d", ""), matrix, label
 
 
-def _elements(element: ElementTree.Element, matrix: np.ndarray, where: str) -> Iterator[tuple]:
-    """Yield elements in the order in which they are drawn, each with the transformation to the drawing."""
+def _elements(element: ElementTree.Element, matrix: np.ndarray, where: str, shown: bool = True) -> Iterator[tuple]:
+    """Yield elements in the order in which they are drawn, each with its transformation and whether it is shown."""
     matrix = _combine(matrix, _transform(element.get("transform", ""), where))
-    yield element, matrix
+    style = dict(re.findall(r"([\w-]+)\s*:\s*([\w-]+)", element.get("style", "")))
+    shown = shown and style.get("display", element.get("display")) != "none"
+    yield element, matrix, shown
     for child in element:
-        shown = f"display:{child.get('display')};{child.get('style')}".replace(" ", "")
-        if _tag(child) not in _UNSEEN and "display:none" not in shown:
-            yield from _elements(child, matrix, where)
+        if _tag(child) not in _UNSEEN:
+            yield from _elements(child, matrix, where, shown)
 
 
 def _tag(element: ElementTree.Element) -> str:

@@ -88,8 +88,17 @@ def test_transformations_and_sizes(drawn):
 
 @pytest.mark.parametrize("hidden", ['display="none"', 'style="fill: red; display: none"'])
 def test_what_is_not_shown_is_no_curve(drawn, hidden):
-    path = drawn("M0 0h1", f'<g {hidden}><path d="M0 0h7"/></g><path {hidden} d="M0 0h8"/>')
+    path = drawn("M0 0h1", f'<g {hidden}><path d="M0 0h7"/></g><path id="h" {hidden} d="M0 0h8"/>')
     assert nc.io.outline(path, 3).length == pytest.approx(1.0)
+    assert nc.io.outline(path, 3, id="h").length == pytest.approx(8.0)
+    path.write_text(f'<svg><g {hidden}><path d="M0 0h7"/></g></svg>')
+    with pytest.raises(nc.ModelFileError, match="none of its paths is shown"):
+        nc.io.outline(path, 3)
+
+
+def test_a_style_decides_before_an_attribute(drawn):
+    seen = 'style="-inkscape-display:none; display:inline" display="none"'
+    assert nc.io.outline(drawn("M0 0h1", f'<path {seen} d="M0 0h7"/>'), 3).length == pytest.approx(7.0)
 
 
 @pytest.mark.parametrize(
