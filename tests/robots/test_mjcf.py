@@ -456,6 +456,12 @@ def test_a_loop_that_was_not_moved_stays_closed_whatever_pose_it_was_drawn_in(ho
         mujoco.mj_forward(model, data)
         assert data.ne
         np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=2e-6)  # a file has six digits
+    again = nc.from_mjcf(tmp_path / "out.xml")
+    for a in (-0.2, 0.1, 0.3):
+        data.qpos[:] = again.positions([a])
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=2e-6)
+        np.testing.assert_allclose(data.qpos, robot.positions([a], design), atol=2e-5)
 
 
 def test_the_frame_of_a_rod_is_where_the_saved_file_has_it(tmp_path):
