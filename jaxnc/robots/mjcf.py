@@ -240,7 +240,7 @@ class MjcfFile:
         mujoco, model, still = self.mujoco, copy.copy(self.model), np.array(self.data.qpos)
         kept = [name not in without for name in self.names("EQUALITY", range(model.neq))]
         active = model.eq_active0.astype(bool) & np.array(kept, bool) & (not self._is_off("EQUALITY", "CONSTRAINT"))
-        welds = np.flatnonzero(active & (model.eq_type == int(mujoco.mjtEq.mjEQ_WELD)))
+        welds = np.flatnonzero(active & (model.eq_type == int(mujoco.mjtEq.mjEQ_WELD))).tolist()
         if not any(map(self._is_open, welds)):
             return
         model.opt.jacobian, data = mujoco.mjtJacobian.mjJAC_DENSE, mujoco.MjData(model)
