@@ -3,6 +3,7 @@
 That reader knows defaults, includes, frames, units and orientations.
 """
 
+import copy
 import struct
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -151,6 +152,7 @@ class MjcfFile:
         gravity = tuple(float(g) for g in m.opt.gravity)
         self.description = d = Description(self.spec.modelname or self.path.stem)
         d.gravity = gravity if any(gravity) and not self._is_off("GRAVITY") else None
+        self._close_welds(without, hold)
         for k in range(m.nbody):
             d.links.append(self._link(k, hold))
         if unknown := set(hold) - {link.name for link in d.links}:
@@ -213,20 +215,46 @@ class MjcfFile:
             return
         one, other = int(m.eq_obj1id[i]), int(m.eq_obj2id[i])
         if kind in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
-            first, second, at, twist = self._ends(i, kind == eq.mjEQ_WELD)
-            size = max(float(np.linalg.norm(np.ptp(self.data.xpos, axis=0))), 1e-9)
-            if kind == eq.mjEQ_CONNECT:
-                d.loops.append(LoopClosure(name, "connect", first, second, at))
-            elif max(np.linalg.norm(at[0] - at[1]), twist * size) <= _CLOSED * size:
-                d.loops.append(LoopClosure(name, "weld", first, second, at))
-            else:
+            weld = kind == eq.mjEQ_WELD
+            if weld and self._is_open(i):
                 raise self._refuse(name, "it welds two bodies other than they are at home")
+            d.loops.append(LoopClosure(name, "weld" if weld else "connect", *self._ends(i, weld)[:3]))
         elif kind == eq.mjEQ_JOINT:
             d.followers.append(self._follower(name, [j for j in (one, other) if j >= 0], data))
         elif kind == eq.mjEQ_TENDON and other < 0 and not data[0] and (terms := self._joints_of_tendon(one)):
             d.ties.append(Tie(name, terms))
         else:
             raise self._refuse(name, f"it is of a kind ({kind.name}) that has no equation here")
+
+    def _is_open(self, weld: int) -> bool:
+        """Tell whether a weld is not closed at home."""
+        at, twist = self._ends(weld, True)[2:]
+        size = max(float(np.linalg.norm(np.ptp(self.data.xpos, axis=0))), 1e-9)
+        return max(float(np.linalg.norm(at[0] - at[1])), twist * size) > _CLOSED * size
+
+    def _close_welds(self, without: Sequence[str], hold: Sequence[str]) -> None:
+        """Take as home the pose near it that closes all welds, if some are open and there is one.
+
+        A weld says how its bodies stand, which is not as at ``qpos0`` in a design that was drawn in another pose.
+        """
+        mujoco, model, still = self.mujoco, copy.copy(self.model), np.array(self.data.qpos)
+        kept = [name not in without for name in self.names("EQUALITY", range(model.neq))]
+        active = model.eq_active0.astype(bool) & np.array(kept, bool) & (not self._is_off("EQUALITY", "CONSTRAINT"))
+        welds = np.flatnonzero(active & (model.eq_type == int(mujoco.mjtEq.mjEQ_WELD))).tolist()
+        if not any(map(self._is_open, welds)):
+            return
+        model.opt.jacobian, data = mujoco.mjtJacobian.mjJAC_DENSE, mujoco.MjData(model)
+        data.eq_active[:], data.qpos[:] = active, still
+        of = model.dof_jntid
+        held = np.isin(self.names("BODY", model.dof_bodyid), list(hold)) | (model.jnt_type[of] == _KINDS.index("free"))
+        for _ in range(50):  # Newton's method; mostly it takes five
+            mujoco.mj_fwdPosition(model, data)
+            rows = np.reshape(data.efc_J, (data.nefc, model.nv))[: data.ne] * ~held
+            step = np.linalg.lstsq(rows, -data.efc_pos[: data.ne], rcond=1e-9)[0]
+            mujoco.mj_integratePos(model, data.qpos, step, 1.0)
+        self.set_home(data.qpos)
+        if any(map(self._is_open, welds)):
+            self.set_home(still)
 
     def _ends(self, i: int, weld: bool) -> tuple[int, int, tuple[np.ndarray, np.ndarray], float]:
         """Return two bodies held together, the place on each of them, and how far they are turned apart."""
@@ -405,7 +433,7 @@ class MjcfFile:
             by_sites, pins = int(model.eq_objtype[i]) == int(site), tree.pins.get(name, ())
             moved, connects = bool(design.changed.intersection(pins)), int(model.eq_type[i]) == int(eq.mjEQ_CONNECT)
             links = [int(model.site_bodyid[k]) for k in ends] if by_sites else ends
-            places = [_place_in(tree, design, k, p) for k, p in zip(links, pins, strict=False)]
+            places = [_place_in(tree, design, k, p) for k, p in zip(links, pins, strict=True)] if moved else []
             if by_sites and moved:
                 for number, place in zip(ends, places, strict=True):
                     sites[number].pos = place

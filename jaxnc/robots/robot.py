@@ -6,6 +6,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -166,6 +167,8 @@ class Robot:
     def joint_values(self, motion: Motion) -> Float[Array, "... nq"]:
         """Values of all joints of poses of the mechanism, in the order of the file."""
         q, home = self._coordinates_of(motion)
+        if motion._designs:  # each pose is counted from its own drawing
+            return jax.vmap(self.joint_values)(motion)
         balls = []
         for joint, link in self._moving("ball"):
             anchor = self._tree.anchors[joint.name]
@@ -211,6 +214,8 @@ class Robot:
     def frames(self, motion: Motion) -> dict[str, tuple[Array, Array]]:
         """Places ``(..., 3)`` and axes, as columns ``(..., 3, 3)``, of the frames of all links."""
         out, (q, home), top = {}, self._coordinates_of(motion), self.system.topology
+        if motion._designs:
+            return jax.vmap(self.frames)(motion)
         for k, link in enumerate(self._description.links[1:], start=1):
             number = self._tree.rigid_of[k]
             turned = self._turn(q, home, number)

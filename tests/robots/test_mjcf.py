@@ -4,6 +4,7 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -455,6 +456,12 @@ def test_a_loop_that_was_not_moved_stays_closed_whatever_pose_it_was_drawn_in(ho
         mujoco.mj_forward(model, data)
         assert data.ne
         np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=2e-6)  # a file has six digits
+    again = nc.from_mjcf(tmp_path / "out.xml")
+    for a in (-0.2, 0.1, 0.3):
+        data.qpos[:] = again.positions([a])
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=2e-6)
+        np.testing.assert_allclose(data.qpos, robot.positions([a], design), atol=2e-5)
 
 
 def test_the_frame_of_a_rod_is_where_the_saved_file_has_it(tmp_path):
@@ -465,15 +472,20 @@ def test_the_frame_of_a_rod_is_where_the_saved_file_has_it(tmp_path):
         <body name="r" pos=".3 .1 0"><joint name="d" axis="1 0 0"/>{link("0 0 .2")}</body></worldbody>
         <equality><connect body1="rod" body2="r" anchor=".2 .1 .2"/></equality></mujoco>''')  # fmt: skip
     robot = nc.from_mjcf(tmp_path / "rod.xml")
-    design = robot.system.replace({"b_at": robot.system["b_at"] + np.array([0.0, 0.02, 0.0])})
-    model = mujoco.MjModel.from_xml_path(str(robot.save(tmp_path / "out.xml", design)))
-    data = mujoco.MjData(model)
-    poses = robot.pose([[-0.2], [0.2]], design)
-    places, axes = robot.frames(poses)["rod"]
-    for k, data.qpos[:] in enumerate(np.asarray(robot.joint_values(poses))):
-        mujoco.mj_kinematics(model, data)
-        np.testing.assert_allclose(places[k], data.body("rod").xpos, atol=1e-6)
-        np.testing.assert_allclose(axes[k].ravel(), data.body("rod").xmat, atol=1e-5)
+    shifts = np.array([[0.0, 0.02, 0.0], [0.0, 0.005, 0.0], [0.0, 0.01, 0.0]])
+    designs = [robot.system.replace({"b_at": robot.system["b_at"] + shift}) for shift in shifts]
+    batch = jax.tree.map(lambda *x: np.stack(x), *designs)
+    poses = jax.vmap(lambda design: robot.pose([[-0.2], [0.2]], design))(batch)  # those of all designs in one
+    (places, axes), values = robot.frames(poses)["rod"], np.asarray(robot.joint_values(poses))
+    for n, design in enumerate(designs):
+        model = mujoco.MjModel.from_xml_path(str(robot.save(tmp_path / "out.xml", design)))
+        data, alone = mujoco.MjData(model), robot.frames(robot.pose([[-0.2], [0.2]], design))["rod"]
+        for k, data.qpos[:] in enumerate(values[n]):
+            mujoco.mj_forward(model, data)
+            np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=1e-6)
+            for place, turn in ((places[n], axes[n]), alone):
+                np.testing.assert_allclose(place[k], data.body("rod").xpos, atol=1e-6)
+                np.testing.assert_allclose(turn[k].ravel(), data.body("rod").xmat, atol=1e-5)
 
 
 @pytest.mark.parametrize("turn", [(0.5, 0.5, 0.5, 0.5), (0.7071, 0, 0, 0.7071), (0.7071, 0.7071, 0, 0)])

@@ -424,16 +424,18 @@ def test_a_saved_design_counts_turns_as_the_page_does(browser, tmp_path, tie, st
 @driven
 @pytest.mark.parametrize("model", [False, True])
 @pytest.mark.parametrize("driver", ["a", "b"])
-def test_what_follows_by_a_polynomial_keeps_its_zero(browser, tmp_path, driver, model):
-    """Changed, dragged and saved, b is 0.2 + 0.5 x + 0.3 x² from where it was drawn, x being what a is from there."""
+@pytest.mark.parametrize("factors", [{"a0": 0.1, "a1": 0.5, "a2": 0.3, "a3": 0.0, "a4": 0.0}, {"a1": 0.5, "a2": 0.3}])
+def test_what_follows_by_a_polynomial_keeps_its_zero(browser, tmp_path, driver, model, factors):
+    """Changed, dragged and saved, b is a polynomial from where it was drawn, x being what a is from there."""
     m = nc.Mechanism("arm")
     m.ground("A", (0, 0)), m.point("B", (1, 0.2)), m.point("C", (1.8, 0.9)), m.body("upper", ["A", "B"])
     m.body("lower", ["B", "C"]), m.angle("a", at="A", to="B"), m.angle("b", at="B", to="C")
-    factors = {"a0": 0.1, "a1": 0.5, "a2": 0.3, "a3": 0.0, "a4": 0.0}
     kind = nc.constraints.CATALOGUE["joint that follows another"]
     m.constrain("law", kind, scalars=["b", "a"], constants=factors)
     a, b = np.arctan2(0.2, 1.0), np.arctan2(0.7, 0.8)
-    motion = nc.sweep(m.compile(), {driver: {"a": a, "b": b + 0.1}[driver] + np.linspace(0.0, 0.3, 13)})
+    motion = nc.sweep(
+        m.compile(), {driver: {"a": a, "b": b + factors.get("a0", 0.0)}[driver] + np.linspace(0.0, 0.3, 13)}
+    )
     browser.open(motion.to_html(tmp_path / "arm.html", model=m if model else None), "#9")
     enter(browser, "#sizes .control:nth-child(1)", 0.2)
     browser.run("document.getElementById('shape').click()")
@@ -443,7 +445,8 @@ def test_what_follows_by_a_polynomial_keeps_its_zero(browser, tmp_path, driver, 
     changed = nc.load(file).compile() if model else motion.system.replace(json.loads(file.read_text()))
     at = changed.topology.position
     for x in (0.05, 0.3):
-        wanted = {"a": a + x, "b": b + 0.2 + 0.5 * x + 0.3 * x**2}
+        rise = 0.2 + 0.5 * x if "a0" in factors else 0.2 * x  # the first factor was changed to 0.2
+        wanted = {"a": a + x, "b": b + rise + 0.3 * x**2}
         found = nc.solve_position(changed, {driver: wanted[driver]})
         on_page = browser.run(f"window.jaxnc.solve([{wanted[driver]}])")
         for name, value in wanted.items():

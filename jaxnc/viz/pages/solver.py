@@ -451,14 +451,14 @@ def _factors_to_save(top: Topology) -> str:
     for block, layout in zip(top.blocks, top.layout, strict=True):
         for k, scalars in enumerate(layout.scalars.tolist()):
             if block.kind == FOLLOWING:
-                given = [d for i, _, d in sorted(block.given) if i == k]
-                if len(given) < 5:
-                    raise Refused("A page needs all five factors of a joint that follows another, a0 to a4.")
+                given = {c: d for i, c, d in block.given if i == k}
+                if not given.keys() >= set(range(3, max(given, default=0))):  # those above stay zero, and so does a0
+                    raise Refused("A page needs every factor of a joint that follows another from a1 up to the last.")
                 own = b.first[n + first : n + first + 7]
                 x, factors = b.op("sub", b.first[scalars[1]], own[1]), own[2:]
                 for j in (3, 2, 1, 0, 3, 2, 1, 3, 2, 3):  # Horner's scheme, for the value and for each slope
                     factors[j] = b.op("add", factors[j], b.op("mul", x, factors[j + 1]))
-                found |= zip(given, [b.number(0.0), *factors[1:]], strict=True)
+                found |= {d: factors[c - 2] if c > 2 else b.number(0.0) for c, d in given.items()}
             first += len(block.kind.constants) + len(block.kind.rows)
     at = list(found)
     return javascript(b.program([*found.values()]), input_names(("q", n), ("c", b.inputs - n)), lambda k: f"d[{at[k]}]")
