@@ -314,7 +314,7 @@ def bevel(forms: str, internal: bool) -> Kind:
         # Distances from the centres back to the common perpendicular (the apex, where the axes meet).
         ab = dot(a, b)
         t1, t2 = dot(w, a) - ab * dot(w, b), ab * dot(w, a) - dot(w, b)
-        crossed = 1.0 - ab * ab > 1e-12
+        crossed = 1.0 - ab * ab > 1e-8  # parallel ones are so to a drawing's rounding
         sides = _sign(-t1) * _sign(-t2)
         known = (abs(t1) > 1e-9 * norm(w)) & (abs(t2) > 1e-9 * norm(w))
         met = where(known, sides, 1.0)
@@ -355,9 +355,8 @@ def rack(forms: str, rolls: bool) -> Kind:
         w = p[1] - p[0]
         across = w - dot(w, line) * line
         side = triple(axis, across, line)
-        given = norm(across) * norm(axis)
-        k = where(abs(side) > 1e-9 * given, _sign(side), 1.0) * (-1.0 if rolls else 1.0)
         r = where(c[0] != 0, c[0], norm(across))
+        k = where(abs(side) > 1e-6 * (norm(w) + r) * norm(axis), _sign(side), 1.0) * (-1.0 if rolls else 1.0)
         return (r, k, s[0] - k * r * s[1])
 
     return Kind(

@@ -258,7 +258,8 @@ def _product_text(coefficient: float, factors: Factors, latex: bool, digits: int
         denominator = " ".join(([bottom] if bottom else []) + below)
         return " ".join([rf"\frac{{{numerator}}}{{{denominator}}}", *above[len(first) :]])
     words = [*([top] if top else []), *above]
-    for at, over in ((0, [bottom] if bottom else []), (-1, below)):
+    number, last = [bottom] if bottom else [], len(words) - 1
+    for at, over in ((0, number), (last, below)) if last else ((0, number + below),):
         if over and " " in words[at] and words[at][0] != "(" and words[at][-1] != ")":
             words[at] = f"({words[at]})"  # cos φ/2 would be read as cos(φ/2)
         words[at] += "".join(f"/{b}" for b in over)

@@ -68,13 +68,18 @@ def _mass_matrix(system: System) -> tuple[Array, Array, Array]:
     return sum_inertias(system.topology, inertias(system))
 
 
-def sum_inertias(top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbers, Numbers]]) -> tuple[Any, Any, Any]:
-    """Sum the `inertias` of all bodies to the matrices of `mass_matrix`; axes behind their own, of changes, stay."""
+def sum_inertias(
+    top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbers, Numbers]], tail: tuple[int, ...] = ()
+) -> tuple[Any, Any, Any]:
+    """Sum the `inertias` of all bodies to the matrices of `mass_matrix`; axes behind their own, of changes, stay.
+
+    Where nothing has a mass, `tail` are the sizes of those axes.
+    """
     size, dim = len(top.coordinates), top.dim
     host = not found or isinstance(found[0][1], np.ndarray)
     xp: Any = np if host else jnp
     dtype = found[0][1].dtype if found else jax.dtypes.canonicalize_dtype(float)
-    tail = found[0][1].shape[3:] if found else ()
+    tail = found[0][1].shape[3:] if found else tail
 
     def add(to: Any, at: Any, values: Any) -> Any:
         if not host:
@@ -458,7 +463,12 @@ def _sums(
     loads, tail = top.loads, home.shape[1:]
     gravity = physical[np.array(loads.gravity)] if loads.gravity else np.zeros((top.dim, *tail), home.dtype)
     constants = tuple(force_constants(top, home, block, physical) for block in loads.forces)
-    return *sum_inertias(top, found), gravity, constants, tuple(physical[np.array(f.numbers)] for f in loads.friction)
+    return (
+        *sum_inertias(top, found, tail),
+        gravity,
+        constants,
+        tuple(physical[np.array(f.numbers)] for f in loads.friction),
+    )
 
 
 @with_owner

@@ -872,11 +872,7 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers,
         constants = [*constants[:2], 1.0 if top.joints[j].type == "gear" else -1.0]
     else:
         axes = [_axis(ledger, side[1:]) for side in top.joints[j].sides[:2]]
-    place, arm, generator, ratio = _pitch(xp, centres, axes, constants)
-    # Axes that pass each other, as a worm's, have no pitch line: by 1e-4 of the wheels' distance and radius, or more.
-    w, normal = centres[1] - centres[0], cross(*axes)
-    apart = xp.abs((w * normal).sum(-1)) - 1e-4 * (magnitude(w) + constants[0][..., 0]) * magnitude(normal)
-    known = ((normal * normal).sum(-1) <= 1e-12) | (apart <= 0.0)  # parallel as in `_pitch`
+    place, arm, generator, ratio, known = _pitch(xp, centres, axes, constants)
     along = cross(axes[0], arm)
     force = along * (couple / (arm * arm).sum(-1))[..., None]
     pressure = ledger.parts.pressure.get(j)
@@ -885,25 +881,31 @@ def _on_wheel(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers,
         across = arm - generator * (arm * generator).sum(-1)[..., None]
         ring = xp.where((ratio < 0.0) & (ratio > -1.0), -1.0, 1.0)[..., 0]
         force = force - _unit(across) * (ring * xp.tan(pressure) * magnitude(force))[..., None]
-    return place[..., : top.dim], force[..., : top.dim], known[..., None]
+    return place[..., : top.dim], force[..., : top.dim], known
 
 
 def _pitch(
     xp: ModuleType, centres: Sequence[Numbers], axes: Sequence[Numbers], constants: Sequence[Numbers | float]
-) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii."""
+) -> tuple[Numbers, Numbers, Numbers, Numbers, AnyArray]:
+    """Return the pitch point in space, its arm from the first axis, the pitch line, and signed ratio of the radii.
+
+    The last result tells where the axes meet or are parallel, and so have a pitch line.
+    """
     (a, b), w = axes, centres[1] - centres[0]
-    ab = (a * b).sum(-1)[..., None]
-    wa, wb = (w * a).sum(-1)[..., None], (w * b).sum(-1)[..., None]
-    square = 1.0 - ab * ab
-    parallel = square <= 1e-12  # the square of a sine: axes count as parallel
+    normal, length = cross(a, b), magnitude(w)[..., None]
+    ab, wa = ((x * a).sum(-1)[..., None] for x in (b, w))
+    square = (normal * normal).sum(-1)[..., None]
+    parallel = square <= 1e-8  # the square of a sine: below 1e-4 it may be the drawing's rounding
     safe = xp.where(parallel, 1.0, square)
-    t1, t2 = (wa - ab * wb) / safe, (ab * wa - wb) / safe
+    t1, t2 = ((cross(w, x) * normal).sum(-1)[..., None] / safe for x in (b, a))
+    # Axes that pass each other, as a worm's, have no pitch line: by 1e-4 of the wheels' distance and radius, or more.
+    least = 1e-4 * (length + constants[0]) * magnitude(normal)[..., None]
+    known = parallel | (xp.abs((w * normal).sum(-1)[..., None]) <= least)
     apex = centres[0] + t1 * a
     ratio = constants[1] / constants[0] * constants[2]
     # Axes that meet: seen from there, each towards its wheel.
     # closer centres stand where the axes meet, which then point to the wheels
-    least = 1e-9 * (magnitude(w)[..., None] + constants[0])
+    least = 1e-9 * (length + constants[0])
     side1, side2 = (xp.where(t > least, -1.0, 1.0) for t in (t1, t2))
     u1, u2, met = side1 * a, side2 * b, ratio * side1 * side2
     cosine = (u1 * u2).sum(-1)[..., None]
@@ -921,7 +923,7 @@ def _pitch(
     flat_arm = (w - wa * a) / (1.0 + side)
     arm = xp.where(parallel, flat_arm, crossed_arm)
     place = xp.where(parallel, centres[0] + 0.5 * wa * a + flat_arm, apex + constants[0] / s * g)
-    return place, arm, xp.where(parallel, a, g), xp.where(parallel, side, met)
+    return place, arm, xp.where(parallel, a, g), xp.where(parallel, side, met), known
 
 
 def _on_rack(ledger: Ledger, j: int, b: int, i: int) -> tuple[Numbers, Numbers, AnyArray]:

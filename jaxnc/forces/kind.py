@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxnc.calls import public
-from jaxnc.constraints.elementary import ratio, where
+from jaxnc.constraints.elementary import root, where
 from jaxnc.constraints.kind import dot, norm
 from jaxnc.pickling import Remade, register_by_name
 
@@ -60,27 +60,29 @@ class ForceKind(Remade):
 
 def _energy(x, square, c):
     # Force against lengthening: preload + stiffness x + cubic x³.
-    return c[2] * x + 0.5 * c[0] * square + 0.25 * c[3] * square * square
+    return c[2] * x + square * (0.5 * c[0] + 0.25 * c[3] * square)
 
 
 def _stretch_energy(p, v, s, c):
     d, free = p[1] - p[0], c[1]
-    length = norm(d)
+    square = dot(d, d)
+    length = root(square)
     x = length - free
     # Of free length 0 the square is smooth where the points meet, but the length is not.
-    return _energy(x, where(free == 0.0, dot(d, d) - free * (length + x), x * x), c)
+    return _energy(x, where(free == 0.0, square - free * (length + x), x * x), c)
 
 
-def _speed(p, dp):
-    # Points that meet part, with all of their speed.
+def _speed_square(p, dp):
+    # Points that meet part, with all of their speed. One quotient and no length of a rate: every step pays for it.
     d, rate = p[1] - p[0], dp[1] - dp[0]
-    length = norm(d)
-    return where(length > 0.0, ratio(dot(d, rate), length), norm(rate))
+    square, along = dot(d, d), dot(d, rate)
+    apart = square > 0.0
+    return where(apart, along * along, dot(rate, rate)) / where(apart, square, 1.0)
 
 
 def _stretch_loss(p, v, s, dp, dv, ds, c):
-    rate, x = dp[1] - dp[0], _speed(p, dp)
-    return _loss(x, where(norm(p[1] - p[0]) > 0.0, x * x, dot(rate, rate)), c)
+    square = _speed_square(p, dp)
+    return _loss(root(square), square, c)
 
 
 def _stop(x, c):
@@ -88,14 +90,14 @@ def _stop(x, c):
     return 0.5 * c[0] * (low * low + high * high)
 
 
-def _stop_damping(x, dx, c):
+def _stop_damping(x, square, c):
     # Only inside the stop, and growing with its depth: the force has no jump where it is touched.
     depth = jnp.maximum(jnp.maximum(c[1] - x, x - c[2]), 0.0)
-    return 0.5 * c[3] * depth * dx * dx
+    return 0.5 * c[3] * depth * square
 
 
-def _loss(x, square, c):
-    return 0.5 * c[0] * square + c[1] * jnp.abs(x) ** 3 / 3.0
+def _loss(speed, square, c):
+    return square * (0.5 * c[0] + c[1] * speed / 3.0)
 
 
 SPRING = ForceKind(
@@ -121,7 +123,7 @@ STOP = ForceKind(
     ("stiffness", "lower", "upper", "damping"),
     points=2,
     potential=lambda p, v, s, c: _stop(norm(p[1] - p[0]), c),
-    dissipation=lambda p, v, s, dp, dv, ds, c: _stop_damping(norm(p[1] - p[0]), _speed(p, dp), c),
+    dissipation=lambda p, v, s, dp, dv, ds, c: _stop_damping(norm(p[1] - p[0]), _speed_square(p, dp), c),
     drawn=lambda p, v, s: (None, -1e30, 1e30, 0.0),
     positive=("stiffness", "damping"),
 )
@@ -139,7 +141,7 @@ COORDINATE_DAMPER = ForceKind(
     "coordinate damper",
     ("damping", "quadratic"),
     scalars=1,
-    dissipation=lambda p, v, s, dp, dv, ds, c: _loss(ds[0], ds[0] * ds[0], c),
+    dissipation=lambda p, v, s, dp, dv, ds, c: _loss(jnp.abs(ds[0]), ds[0] * ds[0], c),
     drawn=lambda p, v, s: (None, 0.0),
     positive=("damping", "quadratic"),
 )
@@ -149,7 +151,7 @@ COORDINATE_STOP = ForceKind(
     ("stiffness", "lower", "upper", "damping"),
     scalars=1,
     potential=lambda p, v, s, c: _stop(s[0], c),
-    dissipation=lambda p, v, s, dp, dv, ds, c: _stop_damping(s[0], ds[0], c),
+    dissipation=lambda p, v, s, dp, dv, ds, c: _stop_damping(s[0], ds[0] * ds[0], c),
     drawn=lambda p, v, s: (None, -1e30, 1e30, 0.0),
     positive=("stiffness", "damping"),
 )

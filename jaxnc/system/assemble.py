@@ -1291,7 +1291,7 @@ class SpatialAssembler(Assembler):
         self.perpendicular(axis, along, what, "the pinion's axis", "the rack's line")
         # The distance may be counted from anywhere, also from the pinion's centre: its end is on the rack.
         ways = ((p, self.home[p] - self.home[centre]) for p in (end, start))
-        off = [p for p, w in ways if np.linalg.norm(w - (w @ self.unit(along)) * self.unit(along)) > 1e-9 * self.size]
+        off = [p for p, w in ways if np.linalg.norm(w - (w @ self.unit(along)) * self.unit(along)) > 1e-6 * self.size]
         if j.radius is None and not off:
             raise MechanismError(
                 f"{what}: the pinion's centre is drawn on the rack's line, so its radius is not known; give radius="

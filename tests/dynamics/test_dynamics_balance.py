@@ -477,6 +477,49 @@ def test_traced_frequencies_where_the_drawings_coordinate_stands_still():
     assert np.isnan(asked[0]).all() and np.isfinite(asked[1]).all()
 
 
+@pytest.mark.parametrize("twist, tilt, turn", [(1e-5, 0, 1), (0, 2e-6, 1), (1e-8, 1e-5, 1), (1e-5, 0, -1)])
+def test_wheels_on_shafts_that_are_parallel_to_a_drawings_digits(twist, tilt, turn):
+    """3 N m on a wheel of 80 mm are 37.5 N at its teeth, which point across the line of centres."""
+    m = nc.Mechanism("wheels", dim=3)
+    m.ground("A", (0, 0, 0)), m.ground("B", (0.1, 0, 0))
+    m.ground_vector("a", (0, 0, 1)), m.ground_vector("b", (turn * tilt, turn * twist, turn))
+    m.point("P", (0, 0.02, 0)), m.point("Q", (0.1, 0.08, 0))
+    m.body("one", ["A", "P"], vectors=["a"]), m.body("two", ["B", "Q"], vectors=["b"])
+    m.angle("phi", at="A", to="P", about="a"), m.angle("psi", at="B", to="Q", about="b")
+    m.bevel_gear("mesh", "phi", "psi", radii=(0.02, 0.08))
+    m.torque("load", "psi", 3.0 * turn)
+    system = m.compile()
+
+    def tooth(system):
+        motion = nc.motion(system, {"phi": lambda t: 2 * t}, np.linspace(0, 1, 2))
+        return nc.inverse_dynamics(system, motion).reactions.joint("mesh", on="two")
+
+    found = tooth(system)
+    np.testing.assert_allclose(found.force[0], [0, 37.5, 0], atol=1e-2)
+    np.testing.assert_allclose(found.moment[0], [0, 0, -3], atol=1e-3)
+    slope = jax.grad(lambda s: tooth(s).force[0, 1])(system)
+    assert float(slope["load.value"]) == pytest.approx(12.5 * turn) and np.isfinite(slope["B"]).all()
+
+
+@pytest.mark.parametrize("line", [(1, 0), (1, -7), (3, 1)])
+@pytest.mark.parametrize("level, radius, way", [(1e-8, None, -1), (0.0, 0.05, 1)])
+def test_a_rack_that_is_level_with_its_pinion_but_for_rounding(line, level, radius, way):
+    """Its other end tells radius and side; without one, the given radius and the documented side."""
+    x = np.append(line, 0) / np.hypot(*line)
+    y = np.cross((0, 0, 1), x)
+    m = nc.Mechanism("rack", dim=3)
+    m.ground("C", (0, 0, 0)), m.ground("O", tuple(-0.5 * x + (0.0 if radius else 0.05) * y))
+    m.ground("G", tuple(level * y - x))
+    m.ground_vector("x", tuple(x)), m.ground_vector("y", tuple(y)), m.ground_vector("z", (0, 0, 1))
+    m.point("P", tuple(0.05 * x)), m.point("R", tuple(0.1 * x + level * y))
+    m.body("pinion", ["C", "P"], vectors=["z"]), m.body("rack", ["R"], vectors=["x", "y"])
+    m.angle("phi", at="C", to="P", about="z")
+    m.cylindrical("guide", line=("G", "x"), on="R")
+    m.distance("s", "O", "R", along="x"), m.rack_and_pinion("mesh", "phi", "s", radius=radius)
+    motion = nc.motion(m.compile(), {"phi": lambda t: t}, np.array([0.0, 0.1]))
+    assert float(motion.velocity("s")[0]) == pytest.approx(0.05 * way)
+
+
 @pytest.mark.parametrize("start, radius", [((0, 0, 0), 0.05), ((0, 0, 0.03), None), ((-0.5, 0.2, 0), None)])
 def test_racks_on_both_sides_of_a_pinion_go_opposite_ways(start, radius):
     """Whatever their distances are counted from; 10 N on the upper rack push on the pinion's rim."""

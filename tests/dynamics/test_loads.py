@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxnc as nc
+from jaxnc.forces import DAMPER, SPRING
 
 G = 9.81
 TIMES = np.linspace(0.0, 0.6, 4)
@@ -245,3 +246,25 @@ def test_a_damper_without_length_slows_what_leaves_it():
     t, fast = np.linspace(0, 1, 5), np.sqrt(100 - 1 / 16)
     run = nc.simulate(system, t, rates={"P.x": 1.0})
     np.testing.assert_allclose(run["P"][:, 0], np.exp(-t / 4) * np.sin(fast * t) / fast, atol=1e-8)
+
+
+@pytest.mark.parametrize("place", [(0.3, -0.4), (1e-9, 0.0), (0.0, 0.0)])
+@pytest.mark.parametrize("free", [0.0, 0.2])
+def test_forces_and_their_slopes_by_hand(place, free):
+    """Along the segment, or where it has no length along the rate, ``c v + q v |v|`` and ``k x + h x³``."""
+    p, rate, zero = np.array([(0, 0), place]), np.array([0.5, 2.0]), np.zeros((0,))
+    length, c = np.hypot(*place), jnp.array([3.0, 0.7])
+    along = p[1] / length if length else rate / np.hypot(*rate)
+
+    def damps(r):
+        rates = jnp.stack([0 * r, r])
+        return DAMPER.dissipation(jnp.array(p), zero, zero, rates, zero, zero, c)
+
+    v = along @ rate
+    np.testing.assert_allclose(jax.grad(damps)(jnp.array(rate)), (3 * v + 0.7 * v * abs(v)) * along, rtol=1e-12)
+    still = 3.0 * (np.outer(along, along) if length else np.eye(2))
+    np.testing.assert_allclose(jax.hessian(damps)(jnp.zeros(2)), still, atol=1e-12)
+    x = length - free
+    pull = jax.grad(lambda at: SPRING.potential(jnp.stack([0 * at, at]), zero, zero, jnp.array([5.0, free, 0.0, 2.0])))
+    expected = (5 * x + 2 * x**3) * along if length else np.zeros(2)
+    np.testing.assert_allclose(pull(jnp.array(place)), expected, rtol=1e-9, atol=1e-12)

@@ -90,6 +90,8 @@ def test_what_is_divided_stands_in_brackets_where_it_could_be_read_otherwise():
     co = phi.apply("cos")
     assert str(0.1 * co) == "(cos φ)/10" and str(co / length) == "(cos φ)/L" and str(3 * co) == "3 cos φ"
     assert str(0.5 * (phi + length).apply("cos") ** 2) == "cos^2(φ + L)/2" and str(0.5 * length * co) == "L/2 cos φ"
+    assert str(0.5 * co / length) == "(cos φ)/2/L"
+    assert str(0.5 * (phi + length).apply("cos") / length) == "cos(φ + L)/2/L"
 
 
 @pytest.mark.parametrize("family", ["relative", "reference", "mixed"])
