@@ -559,7 +559,7 @@ def drawn_parameters(kind: ForceKind, dim: int) -> tuple[Formula, list[bool]]:
     def say(y: Array) -> tuple[Array | None, ...]:
         return tuple(None if c is None else jnp.asarray(c, float) for c in call(y))
 
-    missing = [value is None for value in jax.eval_shape(say, jax.ShapeDtypeStruct((width,), float))]
+    missing = [value is None for value in jax.eval_shape(say, jax.ShapeDtypeStruct((width,), jnp.result_type(float)))]
     try:
         return reading(read, (), ((width,),))[0], missing
     except Unreadable:  # a user's kind, with an operation that the host does not know
