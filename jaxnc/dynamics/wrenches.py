@@ -1046,7 +1046,7 @@ def frictions(dyn: Dynamics, q: Array, v: Array, a: Array, lam: Array, t: Array 
 
 
 def _press(every: Sequence[_Rubbing], felt: Sequence[Array], normals: Array) -> Array:
-    """Find the force that presses in each friction, by what is felt there and beside others' ``(frictions,)``."""
+    """Find the forces that press ``(frictions,)``: by what is felt in each joint, without what others put there."""
 
     def beside(k: int) -> Callable[[int | None], Array]:
         def total(body: int | None) -> Array:

@@ -131,6 +131,14 @@ def test_bodies_balance_whichever_axis_an_angle_turns_about(about):
         assert np.abs(sum(np.asarray(w.force[0]) for w in wrenches)).max() < 1e-9
 
 
+def find_force_that_presses(m, bodies, pin, turn, angle):
+    """Let bodies rub in a pin, and read the force that presses there off the effort of a slowly driven angle."""
+    m.friction("rub", coefficient=0.1, bodies=bodies, at=pin, radius=0.02, speed=1e-6)
+    system = m.compile()
+    effort = nc.inverse_dynamics(system, nc.motion(system, turn, np.array([0.0, 1e-3])))[angle]
+    return float(effort[0]) / (0.1 * 0.02)
+
+
 @pytest.mark.parametrize("lengths", [(1.0, 3.0), (3.0, 1.0)])
 @pytest.mark.parametrize("bodies", [("one", "two"), ("two", "one")])
 def test_the_force_into_the_first_body_presses_in_a_pin_on_the_ground(bodies, lengths):
@@ -145,11 +153,9 @@ def test_the_force_into_the_first_body_presses_in_a_pin_on_the_ground(bodies, le
     m.angle("b", at="O", to="Q")
     m.force("pull", "P", (50.0, 0.0))
     m.force("pull2", "Q", (0.0, 200.0))
-    m.friction("rub", coefficient=0.1, bodies=bodies, at="O", radius=0.02, speed=1e-6)
     turn = {"a": lambda t: 1e-3 * t, "b": lambda t: np.pi / 2 - 1e-3 * t}
-    system = m.compile()
-    found = nc.inverse_dynamics(system, nc.motion(system, turn, np.array([0.0, 1e-3])))
-    assert float(found["a"][0]) == pytest.approx(0.1 * 0.02 * {"one": 50.0, "two": 200.0}[bodies[0]], rel=1e-4)
+    found = find_force_that_presses(m, bodies, "O", turn, "a")
+    assert found == pytest.approx({"one": 50.0, "two": 200.0}[bodies[0]], rel=1e-4)
 
 
 @pytest.mark.parametrize("lengths", [(1.0, 1.01), (1.01, 1.0)])
@@ -166,8 +172,5 @@ def test_the_force_into_the_first_body_presses_in_a_pin_with_a_load(bodies, leng
     m.angle("b", at="P", to="Q")
     m.force("on pin", "P", (100.0, 0.0))
     m.force("end", "Q", (7.0, 0.0))
-    m.friction("rub", coefficient=0.1, bodies=bodies, at="P", radius=0.02, speed=1e-6)
-    system = m.compile()
-    turn = {"a": lambda t: 0.0 * t, "b": lambda t: 1e-3 * t}
-    found = nc.inverse_dynamics(system, nc.motion(system, turn, np.array([0.0, 1e-3])))
-    assert float(found["b"][0]) == pytest.approx(0.1 * 0.02 * {"one": 107.0, "two": 7.0}[bodies[0]], rel=1e-4)
+    found = find_force_that_presses(m, bodies, "P", {"a": lambda t: 0.0 * t, "b": lambda t: 1e-3 * t}, "b")
+    assert found == pytest.approx({"one": 107.0, "two": 7.0}[bodies[0]], rel=1e-4)
