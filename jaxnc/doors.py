@@ -19,7 +19,6 @@ DOORS = {
     "Modes.draw": "jaxnc.viz.modes:draw_modes",
     "Motion.plot": "jaxnc.viz.plots:plot",
     "Motion.polygon": "jaxnc.viz.polygons:polygon",
-    "Motion.sheet": "jaxnc.viz.paper:motion_sheet",
     "Motion.animate": "jaxnc.viz.animation:animate",
     "Motion.to_html": "jaxnc.viz.pages.page:to_html",
     "Motion.to_csv": "jaxnc.io.tables:to_csv",

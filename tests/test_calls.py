@@ -204,14 +204,7 @@ def own() -> dict[str, dict[str, Any] | None]:
         "synthesis.Guidance": {"poses": poses},
         "synthesis.SliderCrank": {"A": (0, 0), "B": (0.3, 0.5), "C": (1.5, 0), "P": (1, 0.6)},
         "synthesis.FourBar": {"A": (0, 0), "B": (0.4, 0.8), "C": (2.4, 1.9), "D": (3, 0), "P": (1.5, 2.2)},
-        "synthesis.Cost": {"b": 1.0},
         "synthesis.Stock": {"what": ("A", "B"), "sizes": (0.1, 0.2)},
-        "synthesis.allocate_tolerances": {
-            "inputs": {"phi": 1.2},
-            "limits": {"C.x": 1e-3},
-            "costs": {"B": nc.synthesis.reciprocal(1.0)},
-            "outputs": "C.x",
-        },
         "synthesis.calibrate": {
             "inputs": {"phi": PHI},
             "measurements": {"C": known["motion"]["C"]},
@@ -255,8 +248,6 @@ def own() -> dict[str, dict[str, Any] | None]:
         "synthesis.path_four_bars": None,  # a minute for each call
         "synthesis.precision_four_bars": {"inputs": (0.1, 0.5, 0.9), "outputs": (0.2, 0.4, 0.9)},
         "synthesis.precision_six_bars": None,  # minutes
-        "synthesis.reciprocal": {"b": 1.0},
-        "synthesis.reciprocal_square": {"b": 1.0},
         "synthesis.robust": {"samples": 3, "output": "C.x"},
         "synthesis.slider_crank_cognate": {
             "linkage": nc.synthesis.SliderCrank((0, 0), (0.3, 0.5), (1.5, 0), P=(1, 0.6))

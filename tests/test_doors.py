@@ -107,7 +107,6 @@ HOST = {
     "sensitivity": lambda s: nc.sensitivity(s, "B", {"phi": 0.3}),
     "grashof": lambda s: nc.grashof(s, "crank", "coupler", "rocker").margin,
     "tolerance": lambda s: nc.tolerance(s, {"phi": 0.3}, "B", {"A": 0.1}),
-    "allocate_tolerances": lambda s: nc.synthesis.allocate_tolerances(s, {"B": 0.1}, {}, {"phi": 0.3}),
     "calibrate": lambda s: nc.synthesis.calibrate(s, {"phi": 0.3}, {"B": 0.1}, ["A"]),
     "report": lambda s: len(nc.report(s).verdict.errors),
     "stream": lambda s: nc.stream(s, {"phi": np.zeros(3)}, "never.npz"),

@@ -435,7 +435,7 @@ def test_dependencies_are_declared_as_used(tmp_path):
     drawing = declared["optional-dependencies"]["plot"]
     names = {re.split(r"[^\w-]", text)[0] for text in (*declared["dependencies"], *drawing)}
     modules = {"pillow": "PIL"}  # distributions that are not called what they are imported as
-    optional = {"imageio_ffmpeg", "anywidget", "traitlets", "jaxtyping", "pandas", "xarray", "mujoco"}  # of extras
+    optional = {"anywidget", "traitlets", "jaxtyping", "pandas", "xarray", "mujoco"}  # of extras
     optional |= {"ezdxf", "IPython"}  # the latter is there in a notebook, and asked for nowhere else
     comes_along = {"mpl_toolkits", "jaxlib"}  # one with matplotlib; one is jax's other half, pinned beside it
     used = third_parties(ROOT)

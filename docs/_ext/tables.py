@@ -440,11 +440,11 @@ def plots() -> str:
     return page(
         "What can be plotted",
         """
-        `motion.plot(…)`, `motion.sheet(plots=…)`, `motion.to_html(plots=…)` and `against=` take these names. The
+        `motion.plot(…)`, `motion.to_html(plots=…)` and `against=` take these names. The
         examples are of a pendulum: points A and B, body `bar`, its angle `phi`, a spring `return`.
         Rates need `rates=` (and `accelerations=`, `jerk=True`) of a sweep, or a motion in time;
         forces need masses. A vector is plotted by its components and its size, or by one component: `"velocity B.x"`.
-        `plot` and `sheet` put what has one unit on the same axes, unless one curve would take less than a tenth of
+        `plot` puts what has one unit on the same axes, unless one curve would take less than a tenth of
         their height beside the others and look flat. To choose: names in a list share axes, each list its own:
         `motion.plot(["B.x", "B.y"], ["phi"])`; so `motion.plot(["B.x"], ["B.y"])` are apart in any case.
         """,

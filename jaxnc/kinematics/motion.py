@@ -423,12 +423,8 @@ class Motion(Drawn):
         """Draw the velocity or the ``"acceleration"`` polygon of a planar mechanism; see `jaxnc.viz.polygon`."""
         return door("Motion.polygon")(self, kind, **options)
 
-    def sheet(self, path: "str | Path | None" = None, **options: object):
-        """Put drawing, paths, tables and plots on one sheet, for a paper; see `jaxnc.viz.motion_sheet`."""
-        return door("Motion.sheet")(self, path, **options)
-
     def animate(self, path: "str | Path", **options: object) -> "Path":
-        """Write a GIF or MP4 of the motion; see `jaxnc.viz.animate`."""
+        """Write a GIF of the motion; see `jaxnc.viz.animate`."""
         return door("Motion.animate")(self, path, **options)
 
     def to_html(self, path: "str | Path", **options: object) -> "Path":

@@ -59,11 +59,6 @@ from jaxnc.synthesis.search.solve import solve as solve
 from jaxnc.synthesis.search.stock import Stock as Stock
 from jaxnc.synthesis.search.stock import integer as integer
 from jaxnc.synthesis.search.stock import stock as stock
-from jaxnc.synthesis.tolerance.allocation import Allocation as Allocation
-from jaxnc.synthesis.tolerance.allocation import Cost as Cost
-from jaxnc.synthesis.tolerance.allocation import allocate_tolerances as allocate_tolerances
-from jaxnc.synthesis.tolerance.allocation import reciprocal as reciprocal
-from jaxnc.synthesis.tolerance.allocation import reciprocal_square as reciprocal_square
 from jaxnc.synthesis.tolerance.calibration import Calibration as Calibration
 from jaxnc.synthesis.tolerance.calibration import calibrate as calibrate
 from jaxnc.synthesis.tolerance.spread import Robust as Robust

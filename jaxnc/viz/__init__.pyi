@@ -7,7 +7,6 @@ from jaxnc.viz.modes import draw_modes_map as draw_modes_map
 from jaxnc.viz.pages.page import to_html as to_html
 from jaxnc.viz.pages.page import trace_page as trace_page
 from jaxnc.viz.pages.widget import Widget as Widget
-from jaxnc.viz.paper import motion_sheet as motion_sheet
 from jaxnc.viz.plots import plot as plot
 from jaxnc.viz.polygons import polygon as polygon
 from jaxnc.viz.studies import band as band

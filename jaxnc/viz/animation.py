@@ -1,8 +1,6 @@
-"""A motion as a moving picture: GIF by Pillow, MP4 by ffmpeg. Artists are made once, then moved."""
+"""A motion as a moving picture, a GIF by Pillow. Artists are made once, then moved."""
 
 import io
-import shutil
-import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -11,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
 from jaxnc.calls import public
-from jaxnc.errors import InputError, OutputError
+from jaxnc.errors import InputError
 from jaxnc.io.target import writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.progress import bar
@@ -39,11 +37,11 @@ def animate(
     dpi: float = 100.0,
     view: tuple[float, float] | None = None,
 ) -> Path:
-    """Write a GIF or MP4 of a motion.
+    """Write a GIF of a motion.
 
     Args:
         motion: a sequence of poses.
-        path: file ending in ``.gif`` or ``.mp4``; MP4 needs ffmpeg, or the extra ``jaxnc[video]``.
+        path: file ending in ``.gif``.
         frames: how many, evenly spread over the poses, or which poses. Default: every pose, but at most 120; of a
             motion in time as many as show it in real time, at most 240 (one that would be over in less than a second is
             slowed down by a power of ten). The last pose of a motion that closes is left out, since it is the first
@@ -67,7 +65,7 @@ def animate(
     Raises:
         InputError: unknown names, a single pose, a batch of several axes, no such frames, no rates for arrows, no such
             view.
-        OutputError: unknown suffix, a file that cannot be written, no ffmpeg.
+        OutputError: unknown suffix, a file that cannot be written.
     """
     data = poses(motion)
     if data.single or data.count < 2:
@@ -75,14 +73,10 @@ def animate(
     if not isinstance(fps, (int, float)) or not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
     chosen = _choose_frames(data, frames, fps)
-    with writing(path, (".gif", ".mp4"), "an animation") as new:
+    with writing(path, (".gif",), "an animation") as new:
         path = Path(path).expanduser()
-        ffmpeg = _ffmpeg(path) if new.suffix.lower() == ".mp4" else ""
         film = Film(data, trace, velocities, accelerations, labels, title, frame, inches(size), dpi, view, forces)
-        if ffmpeg:
-            _write_mp4(path, new, film, chosen, fps, ffmpeg)
-        else:
-            _write_gif(path, new, film, chosen, fps)
+        _write_gif(path, new, film, chosen, fps)
     return ShownPath(path)
 
 
@@ -189,43 +183,3 @@ def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float)
     pause = max(20, 10 * round(100.0 / fps))  # GIF counts hundredths of a second
     images[0].save(data, "GIF", save_all=True, append_images=images[1:], duration=pause, loop=0, optimize=False)
     new.write_bytes(data.getvalue())
-
-
-def _ffmpeg(path: Path) -> str:
-    found = shutil.which("ffmpeg")
-    if found:
-        return found
-    try:
-        from imageio_ffmpeg import get_ffmpeg_exe  # type: ignore[import-not-found]
-
-        return get_ffmpeg_exe()
-    except (ImportError, RuntimeError):
-        raise OutputError(
-            f"{path}: writing MP4 needs ffmpeg, which was not found; pip install 'jaxnc[video]', or write "
-            f"{path.with_suffix('.gif').name} instead"
-        ) from None
-
-
-def _write_mp4(path: Path, new: Path, film: Film, chosen: list[int], fps: float, ffmpeg: str) -> None:
-    first = film.frame(chosen[0])
-    command = [
-        *(ffmpeg, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgba"),
-        *("-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an"),
-        *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p", "-crf", "18"),
-        *("-movflags", "+faststart", str(new.absolute())),
-    ]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdin is not None and process.stderr is not None
-        try:
-            for image in film.frames(chosen, path):
-                process.stdin.write(image.tobytes())
-            process.stdin.close()
-        except BrokenPipeError:
-            pass  # ffmpeg says why below
-        message = process.stderr.read().decode(errors="replace").strip()
-    if process.returncode:
-        reason = message.splitlines()[-1] if message else f"exit status {process.returncode}"
-        raise OutputError(
-            f"{path}: ffmpeg could not write it ({reason}); check the folder, or write "
-            f"{path.with_suffix('.gif').name} instead"
-        )

@@ -333,10 +333,7 @@ class ShownPath(type(Path())):
             content = self.read_bytes()
         except OSError:
             return html.escape(str(self))
-        kind = self.suffix.lower()
-        if kind == ".mp4":
-            return f'<video controls loop src="data:video/mp4;base64,{base64.b64encode(content).decode()}"></video>'
-        if kind == ".gif":
+        if self.suffix.lower() == ".gif":
             data = base64.b64encode(content).decode()
             return f'<img alt="{html.escape(self.name)}" src="data:image/gif;base64,{data}">'
         look, page = "width:100%;height:760px;border:0", html.escape(content.decode("utf-8"))

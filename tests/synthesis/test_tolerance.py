@@ -1,4 +1,4 @@
-"""Tolerances, their allocation by cost, robust objectives and calibration."""
+"""Tolerances, robust objectives and calibration."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,6 @@ import pytest
 
 import jaxnc as nc
 from jaxnc import synthesis as syn
-from jaxnc.synthesis.tolerance.allocation import _minimise_cost
 
 POSES = np.linspace(0.0, 2 * np.pi, 13)
 SAMPLES = 4000
@@ -138,86 +137,6 @@ class TestTolerance:
         ):
             with pytest.raises(nc.InputError, match=says):
                 nc.tolerance(**(good | change))
-
-
-class TestAllocation:
-    SLOPES = np.array([1.0, 2.0, 0.5])
-    PRICES = np.array([1.0, 2.0, 3.0])
-    LIMIT = 0.1
-
-    @pytest.mark.parametrize(("power", "rule"), [(1, 1), (2, 1), (1, 2), (2, 2)])
-    def test_one_limit_has_a_closed_form(self, power, rule):
-        """Lagrange: b m / t^(m+1) = λ J or 2 λ J² t, so that t ~ (b / J^rule)^(1/(m + rule)); scaled to the limit."""
-        shape = (self.PRICES / self.SLOPES**rule) ** (1 / (power + rule))
-        t = shape * self.LIMIT / (((self.SLOPES * shape) ** rule).sum()) ** (1 / rule)
-        x, _, residual = _minimise_cost(
-            self.SLOPES[None] ** rule,
-            np.array([self.LIMIT**rule]),
-            self.PRICES,
-            np.full(3, power / rule),
-            np.zeros(3),
-            np.full(3, np.inf),
-        )
-        np.testing.assert_allclose(x ** (1 / rule), t, rtol=1e-12)
-        assert residual < 1e-12
-
-    @pytest.mark.parametrize("rule", ["worst case", "root sum square"])
-    def test_optimality_over_many_poses(self, system, rule):
-        """The conditions of optimality, formed here from the derivatives: exact stationarity, feasibility, signs."""
-        costs = {
-            "crank.A-B": syn.reciprocal(1e-4, a=0.5),
-            "coupler.B-C": syn.reciprocal(2e-4),
-            "rocker.C-D": syn.reciprocal_square(1e-8),
-            "D": syn.reciprocal(4e-4),
-        }
-        known = nc.sensitivity(nc.sweep(system, {"phi": POSES}), "P", variables=list(costs))
-        bounds = {"coupler.B-C": (1e-6, 2e-5)}
-        plan = nc.synthesis.allocate_tolerances(known, {"P.x": 2e-4, "P.y": 1.5e-4}, costs, rule=rule, bounds=bounds)
-        power = 2 if rule == "root sum square" else 1
-        t = np.array(list(plan.tolerances.values()))
-        jacobian = np.abs(known["P"]) ** power  # (poses, 2, variables)
-        columns = [
-            jacobian[..., [k for k, v in enumerate(known.variables) if v.rpartition(".")[0] == n or v == n]].sum(-1)
-            for n in costs
-        ]
-        matrix = np.stack([c.T.reshape(-1) for c in columns], axis=1)
-        limit = np.repeat([2e-4, 1.5e-4], len(POSES)) ** power
-        used = matrix @ t**power
-        assert (used <= limit * (1 + 1e-10)).all() and plan.residual < 1e-12
-        active = np.flatnonzero(used > limit * (1 - 1e-9))
-        slope = np.array([-c.b * c.power / x ** (c.power + 1) for c, x in zip(costs.values(), t, strict=True)])
-        force = (matrix[active] * power * t ** (power - 1)).T / limit[active]
-        bound = np.zeros((4, 1))
-        bound[1] = 1.0
-        assert t[1] == pytest.approx(2e-5, rel=1e-9)
-        multipliers = np.linalg.lstsq(np.hstack([force, bound]), -slope, rcond=None)[0]
-        np.testing.assert_allclose(np.hstack([force, bound]) @ multipliers, -slope, rtol=1e-7)
-        assert (multipliers > -1e-9).all()
-        assert plan.cost == pytest.approx(sum(c(x) for c, x in zip(costs.values(), t, strict=True)))
-        assert "decided by P" in str(plan) and plan.limits["P.x"][1] <= 2e-4 * (1 + 1e-9)
-
-    def test_messages(self, system):
-        known = nc.sensitivity(nc.sweep(system, {"phi": POSES}), "P", variables=["crank.A-B", "P"])
-        cost = {"crank.A-B": syn.reciprocal(1.0)}
-        for limits, costs, more, says in (
-            ({"Q": 1.0}, cost, {}, "limit of 'Q', which is no output"),
-            ({"P": 0.0}, cost, {}, "limit of 'P' must be positive"),
-            ({"P": 1.0}, {"crank.A-B": 3.0}, {}, "cost of 'crank.A-B' must be a Cost"),
-            ({"P": 1.0}, {"D": syn.reciprocal(1.0)}, {}, "cost of 'D', which is no variable"),
-            ({"P": 1.0}, cost, {"rule": "mean"}, "rule='mean'"),
-            ({"P": 1.0}, cost, {"bounds": {"crank.A-B": (2, 1)}}, r"bounds of 'crank.A-B' must be"),
-            (
-                {"P": 1e-5},
-                cost,
-                {"bounds": {"crank.A-B": (1e-3, 1)}},
-                "even with the finest tolerances P.[xy] strays by",
-            ),
-        ):
-            with pytest.raises(nc.InputError, match=says):
-                nc.synthesis.allocate_tolerances(known, limits, costs, **more)
-        # The drawn place of P does not matter where its local coordinates are given: any tolerance will do.
-        free = nc.synthesis.allocate_tolerances(known, {"P": 1e-4}, cost | {"P": syn.reciprocal(1.0)})
-        assert free.tolerances["P"] == np.inf
 
 
 def highest(motion):

@@ -136,47 +136,13 @@ def test_accelerations_are_put_together_from_their_parts():
     assert abs(rest[0] * along[1] - rest[1] * along[0]) < 1e-9 * np.linalg.norm(under)
 
 
-def test_a_sheet_has_the_drawing_the_dimensions_the_extremes_and_the_plots(four_bar, slider_crank, tmp_path):
-    for motion, paper, size in ((four_bar, "a4", (8.27, 11.69)), (slider_crank, "letter", (8.5, 11.0))):
-        figure = motion.sheet(tmp_path / "sheet.pdf", paper=paper)
-        assert tuple(figure.get_size_inches()) == size and (tmp_path / "sheet.pdf").read_bytes()[:4] == b"%PDF"
-        boxes = np.array([ax.get_position(original=True).extents for ax in figure.axes])
-        assert len(boxes) == 4 and boxes.min() > 0 and boxes.max() < 1
-        low = boxes[:, 1].min() * size[1]
-        assert 0.75 <= low <= 1.6  # filled down to the margin: numbers and name of the axis are under the lowest plot
-        for a, b in ((a, b) for k, a in enumerate(boxes) for b in boxes[:k]):
-            assert np.any((a[:2] >= b[2:]) | (b[:2] >= a[2:])), "two parts lie on each other"
-    said = words(four_bar.sheet(paper=5.0, plots=["velocity C", "C"]))
-    assert {"four-bar", "rocker", "B–C", "0.12", "|velocity of C| [m/s]", "greatest"} <= set(said)
-    assert f"of {four_bar.status.size} poses" in said
-    speed = np.linalg.norm(four_bar.velocity("C"), axis=1)
-    assert f"{speed.max():.4g}" in said and f"{speed.min():.4g}" in said
-
-
-BODIES = ("crank", "coupler", "rocker")
-MANY = [f"{noun} {p}" for noun in ("velocity", "acceleration") for p in "BC"]
-MANY += [f"angular {noun} {b}" for noun in ("velocity", "acceleration") for b in BODIES]
-
-
 @pytest.mark.parametrize(
     "ask, said",
     [
         (lambda m: m.polygon("jerk"), "polygon.*'velocity' or 'acceleration'"),
-        (lambda m: m.sheet(paper="a3"), "paper='a3'.*'a4' or 'letter'"),
-        (lambda m: m.pose(0).sheet(), "one pose makes no sheet; give a sweep"),
-        (
-            lambda m: nc.sweep(m.system.replace(D=(0.25, 0.0)), {"phi": [0.3, 0.9]}).sheet(),
-            "no pose of this motion is right",
-        ),
-        (lambda m: m.sheet(plots=()), "needs at least one quantity to plot"),
-        (
-            lambda m: m.sheet(plots=[f"orientation {b}" for b in BODIES] + MANY),
-            "6 plots do not fit on the sheet; ask for",
-        ),
-        (lambda m: m.sheet(plots=[f"{k} {p}" for k in ("velocity", "jerk") for p in "BC"]), "no jerk; .* jerk=True"),
         (lambda m: swept("bennett", 3).polygon(), "spatial.*planar mechanisms"),
     ],
 )
-def test_mistakes_of_polygons_and_sheets_are_named(four_bar, ask, said):
+def test_mistakes_of_polygons_are_named(four_bar, ask, said):
     with pytest.raises(nc.InputError, match=said):
         ask(four_bar)

@@ -428,8 +428,6 @@ def test_a_list_says_which_curves_share_axes(turning):
         viz.plot(turning, ["P", "P.x"])
     with pytest.raises(InputError, match=r"list .* is empty; name one"):
         viz.plot(turning, [])
-    sheet = turning.sheet(plots=["P.x", ["P.y"], ["psi"]])
-    assert [ax.get_ylabel() for ax in sheet.axes[1:]] == ["P.x [mm]", "P.y [mm]", "ψ [°]"]
 
 
 def test_every_curve_has_a_name_and_a_look_of_its_own(turning):
@@ -548,25 +546,12 @@ def test_names_in_films_give_way_to_cranks(make):
     assert min(far) > 1.5 and max(far) < 8.0
 
 
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg")
-def test_mp4_by_ffmpeg(turning, tmp_path):
-    path = viz.animate(turning, tmp_path / "a.mp4", frames=3, size=(3, 2.5), dpi=51)  # odd sizes are padded
-    assert path.read_bytes()[4:8] == b"ftyp"
-
-
-def test_mp4_without_ffmpeg_says_what_to_install(turning, tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(OutputError, match=r"a\.mp4.*jaxnc\[video\].*a\.gif"):
-        viz.animate(turning, tmp_path / "a.mp4", frames=2)
-
-
 @pytest.mark.parametrize(
     ("write", "name", "kinds"),
     [
         (lambda m, p: viz.draw(m, path=p), "a.bmp", ".png or .svg"),
         (lambda m, p: viz.plot(m, "P", path=p), "a", ".png or .svg"),
-        (lambda m, p: viz.animate(m, p), "a.avi", ".gif or .mp4"),
+        (lambda m, p: viz.animate(m, p), "a.avi", ".gif"),
         (lambda m, p: viz.to_html(m, p), "a.txt", ".html"),
     ],
 )
@@ -708,7 +693,7 @@ def test_importing_is_cheap_and_leaves_matplotlib_alone(turning, tmp_path):
     code = "import sys, jaxnc.viz; print({'jax', 'matplotlib', 'PIL'} & set(sys.modules), dir(jaxnc.viz))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     names = ["Widget", "animate", "band", "burmester", "draw", "draw_circuits", "draw_dexterity", "draw_modes"]
-    names += ["draw_modes_map", "motion_sheet", "plot", "plot_energy", "plot_families", "polygon", "to_html"]
+    names += ["draw_modes_map", "plot", "plot_energy", "plot_families", "polygon", "to_html"]
     names += ["trace_page"]
     assert done.stdout.strip() == f"set() {names}"
     before = dict(matplotlib.rcParams)

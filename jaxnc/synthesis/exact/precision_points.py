@@ -30,7 +30,7 @@ from jaxnc.continuation.certificate import Twofold, are_disjoint, certify
 from jaxnc.continuation.monodromy import SAME
 from jaxnc.continuation.tracker import FAR, USUAL, Pace, PathEnds
 from jaxnc.errors import InputError, counted
-from jaxnc.synthesis.exact.bar_paths import Attempt, BarPaths, Places, follow_all, follow_routes, mark_distinct
+from jaxnc.synthesis.exact.bar_paths import Attempt, BarPaths, Places, follow_all, follow_routes
 from jaxnc.synthesis.exact.burmester import Dyad
 from jaxnc.synthesis.exact.linkage import GuidedFourBar, Listed, guide_four_bar, point_of
 from jaxnc.synthesis.validate import as_floats
@@ -498,11 +498,6 @@ def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
     x, y, xx, yy, a, b, aa, bb = z
     c, cc = (x * b - y * a) / (x - y), (xx * bb - yy * aa) / (xx - yy)
     return np.stack([a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa])
-
-
-def distinct_solutions(z: np.ndarray, count: int) -> np.ndarray:
-    """Each solution once; of nine points cognates are one."""
-    return z[:, mark_distinct(z, functools.partial(_solution_keys, count=count))]
 
 
 def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
