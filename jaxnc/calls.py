@@ -187,7 +187,7 @@ def _wrong_call(f: Callable, called: str, bound: int, args: tuple, options: dict
         for value in given[p.name] if each else (given[p.name],):
             if not _fits(value, kind) and not (value is None and p.default is None):
                 about = f" ({told[p.name]})" if p.name in told else ""
-                return f"{name}: {each}{p.name} must be {_kind_in_words(kind)}{about}; got {brief(value)}"
+                return f"{name}: {each}{p.name} must be {_read_annotation(kind)[0]}{about}; got {brief(value)}"
     return None
 
 
@@ -277,30 +277,34 @@ class _Names(dict):
 
 def _fits(value: object, kind: object) -> bool:
     """Say whether a value may be of the kind that an annotation says; doubts are in its favour."""
+    return _read_annotation(kind)[1](value)
+
+
+def _read_annotation(kind: Any) -> tuple[str, Callable[[Any], bool]]:
+    """Read an annotation: what messages call this kind of argument, and which values may be of it."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
-    if kind is Any or kind is object or isinstance(kind, TypeVar | str | typing.ForwardRef):
-        return True
     if origin is typing.Annotated:
-        return _fits(value, args[0])
+        return _read_annotation(args[0])
     if origin in (typing.Union, types.UnionType):
-        return any(_fits(value, x) for x in args)
+        words = dict.fromkeys(_read_annotation(x)[0] for x in args)
+        return " or ".join(words), lambda value: any(_fits(value, x) for x in args)
     if origin is typing.Literal:
-        return any(type(value) is type(x) for x in args)
+        return " or ".join(map(repr, args)), lambda value: any(type(value) is type(x) for x in args)
     kind = origin or kind
     if kind in _PLAIN:
-        return _PLAIN[kind][1](value)
+        return _PLAIN[kind]
     if not isinstance(kind, type):
-        return True
-    if issubclass(kind, collections.abc.Mapping):
-        named = isinstance(value, collections.abc.Mapping) and len(args) == 2
-        return isinstance(value, collections.abc.Mapping) and not (
-            named and any(not _fits(k, args[0]) or not _fits(v, args[1]) for k, v in list(value.items())[:_MANY])
-        )
+        return "a value of its kind", lambda value: True
     if kind.__module__.partition(".")[0] in ("jax", "jaxlib", "numpy", "jaxtyping"):
-        return _is_array(value)
+        return "numbers", _is_array
+    if issubclass(kind, collections.abc.Mapping):
+        words = f"a mapping from {_many(args[0])} to {_many(args[1])}" if len(args) == 2 else "a mapping"
+        return words, lambda value: _is_mapping(value, args)
     if issubclass(kind, collections.abc.Iterable) and kind.__module__ in ("builtins", "collections.abc"):
-        return _is_list(value, args, kind is tuple)
-    return isinstance(value, kind)
+        fixed = kind is tuple and bool(args) and args[-1] is not Ellipsis
+        words = f"{len(args)} {_many(args[0])}" if fixed else "a list" + (f" of {_many(args[0])}" if args else "")
+        return words, lambda value: _is_list(value, args, fixed)
+    return f"a {kind.__name__}", lambda value: kind is Any or isinstance(value, kind)
 
 
 def _is_number(value: Any) -> bool:
@@ -329,6 +333,13 @@ def _is_array(value: object) -> bool:
     return (hasattr(value, "dtype") and _kind(value) in "biufV") or _is_number(value)
 
 
+def _is_mapping(value: object, args: tuple) -> bool:
+    if not isinstance(value, collections.abc.Mapping):
+        return False
+    entries = list(value.items())[:_MANY] if len(args) == 2 else []
+    return all(all(map(_fits, entry, args)) for entry in entries)
+
+
 def _is_list(value: Any, args: tuple, fixed: bool) -> bool:
     if isinstance(value, str):
         return bool(args) and args[0] is str
@@ -339,7 +350,7 @@ def _is_list(value: Any, args: tuple, fixed: bool) -> bool:
     if not hasattr(value, "__len__") or not args:
         return True
     entries = list(value)[:_MANY]
-    if fixed and args[-1] is not Ellipsis:
+    if fixed:
         return len(entries) == len(args) and all(map(_fits, entries, args))
     return all(_fits(x, args[0]) for x in entries)
 
@@ -356,31 +367,8 @@ _PLAIN: dict[Any, tuple[str, Callable[[Any], bool]]] = {
 """Plain kinds of arguments: as messages call them, and which values are of them."""
 
 
-def _kind_in_words(kind: object) -> str:
-    """A kind of argument, as messages call it."""
-    origin, args = typing.get_origin(kind), typing.get_args(kind)
-    if origin is typing.Annotated:
-        return _kind_in_words(args[0])
-    if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(_kind_in_words(x) for x in args))
-    if origin is typing.Literal:
-        return " or ".join(map(repr, args))
-    kind = origin or kind
-    if kind in _PLAIN:
-        return _PLAIN[kind][0]
-    if not isinstance(kind, type):
-        return "a value of its kind"
-    if kind.__module__.partition(".")[0] in ("jax", "jaxlib", "numpy", "jaxtyping"):
-        return "numbers"
-    if issubclass(kind, collections.abc.Mapping):
-        return "a mapping" + (f" from {_many(args[0])} to {_many(args[1])}" if len(args) == 2 else "")
-    if issubclass(kind, collections.abc.Iterable) and kind.__module__ in ("builtins", "collections.abc"):
-        if kind is tuple and args and args[-1] is not Ellipsis:
-            return f"{len(args)} {_many(args[0])}"
-        return "a list" + (f" of {_many(args[0])}" if args else "")
-    return f"a {kind.__name__}"
-
-
 def _many(kind: object) -> str:
     """Several of a kind."""
-    return {str: "names", float: "numbers", int: "whole numbers"}.get(kind) or _kind_in_words(kind).removeprefix("a ")
+    return {str: "names", float: "numbers", int: "whole numbers"}.get(kind) or _read_annotation(kind)[0].removeprefix(
+        "a "
+    )
