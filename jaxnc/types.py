@@ -57,19 +57,3 @@ class Components(Protocol):
 
     def __len__(self) -> int: ...
     def __getitem__(self, at: Any, /) -> Any: ...
-
-
-__all__ = [
-    "Any",
-    "AnyArray",
-    "Array",
-    "ArrayLike",
-    "Components",
-    "Coordinates",
-    "Float",
-    "Inputs",
-    "Int",
-    "Numbers",
-    "PyTree",
-    "Scalar",
-]
