@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from jaxnc.errors import InputError, OutputError, nearest
-from jaxnc.io.drives import check_driven, check_poses_asked, check_run, is_angle
-from jaxnc.io.files import load
+from jaxnc.io.drives import check_driven, check_poses_asked, check_run
+from jaxnc.io.files import load, rebuild
 from jaxnc.io.source import SUFFIXES, Source, decode, statement
 from jaxnc.io.target import folder, stem
 from jaxnc.mechanism import Mechanism
@@ -73,7 +73,7 @@ def _use_degrees(mechanism: Mechanism) -> None:
         return
     drives = {}
     for name, drive in model.run.inputs.items():
-        if is_angle(mechanism, name):
+        if name in model.angle_names:
             rate = None if drive.rate is None else math.degrees(drive.rate)
             drive = record.Drive(math.degrees(drive.start), math.degrees(drive.end), drive.poses, rate)
         drives[name] = drive
@@ -94,9 +94,10 @@ def read_model(options: argparse.Namespace) -> Question:
 
 
 def _load_after_title(path: Path) -> Mechanism:
-    model = decode(Source(path), record.Model)
+    source = Source(path)
+    model = decode(source, record.Model)
     print(_title(model.name, model.description), flush=True)
-    return load(path)
+    return rebuild(model, source, {})
 
 
 def read_report(options: argparse.Namespace) -> Question:
@@ -290,7 +291,7 @@ def read_number(mechanism: Mechanism, name: str, text: str, what: str) -> float:
         raise InputError(f"{what}: {text!r} is not a number") from None
     if not math.isfinite(value):
         raise InputError(f"{what}: {text!r} must be a finite number")
-    if unit and not is_angle(mechanism, name):
+    if unit and name not in mechanism.model.angle_names:
         raise InputError(f"{what}: {name!r} is not an angle; leave {unit!r} out")
     if unit is None or unit == mechanism.model.units.angle:
         return value

@@ -47,15 +47,10 @@ def sweep_arguments(mechanism: Mechanism, run: record.Run | None = None) -> Swee
     return {"inputs": inputs, "rates": rates or None, "hold": tuple(run.hold)}
 
 
-def is_angle(mechanism: Mechanism, name: str) -> bool:
-    """Tell whether a coordinate is an angle."""
-    made = [j.angle for j in mechanism.model.joints.values() if isinstance(j, record.Rolling | record.Screw)]
-    return name in (*mechanism.model.angles, *made)
-
-
 def unit_of(mechanism: Mechanism, name: str) -> float:
     """Return one unit of a coordinate in a run section in radians or lengths: π/180 for angles in degrees."""
-    return math.pi / 180 if mechanism.model.units.angle == "deg" and is_angle(mechanism, name) else 1.0
+    model = mechanism.model
+    return math.pi / 180 if model.units.angle == "deg" and name in model.angle_names else 1.0
 
 
 def check_run(

@@ -50,7 +50,7 @@ def load(path: str | Path, kinds: "Mapping[str, AnyKind] | None" = None) -> Mech
             built. The message names file, line, entry, what was expected and what to try.
     """
     source = Source(file_name(path))
-    return _rebuild(decode(source, record.Model), source, kinds or {})
+    return rebuild(decode(source, record.Model), source, kinds or {})
 
 
 def save(mechanism: Mechanism, path: str | Path, kinds: "Mapping[str, AnyKind] | None" = None) -> Path:
@@ -99,7 +99,7 @@ def plain(model: record.Model) -> dict[str, Any]:
     return {**name, **{k: v for k, v in data.items() if v != {}}}
 
 
-def _rebuild(model: record.Model, source: Source, kinds: "Mapping[str, AnyKind]") -> Mechanism:
+def rebuild(model: record.Model, source: Source, kinds: "Mapping[str, AnyKind]") -> Mechanism:
     """Call the builder for every record, in the order of the schema."""
     with source.blamed():
         m = Mechanism(model.name, model.dim, model.description, model.units.length, model.units.angle)

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxnc.calls import public
 from jaxnc.errors import AssemblyError, InputError, counted
-from jaxnc.io.drives import is_angle, sweep_arguments
+from jaxnc.io.drives import sweep_arguments
 from jaxnc.io.drives import unit_of as unit_in_radians
 from jaxnc.kinematics.arc import travel
 from jaxnc.kinematics.diagnosis import Diagnosis, diagnose
@@ -603,4 +603,4 @@ def oddities(system: System, mechanism: Mechanism | None = None) -> Iterator[Fin
 
 def _unit(mechanism: Mechanism, name: str) -> str:
     units = mechanism.model.units
-    return units.angle if is_angle(mechanism, name) else units.length
+    return units.angle if name in mechanism.model.angle_names else units.length
