@@ -1,6 +1,7 @@
 """Problem files: what a mechanism should do, for `jaxnc synthesise`; TOML or JSON beside the model file they name."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -121,63 +122,47 @@ class _Watched:
 
 
 def _condition(entry: ConditionEntry, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
-    """Make the condition that an entry means, with nothing in it that says nothing."""
-    watched = _Watched(entry)
-    made = _make_condition(watched, mechanism, driven, k, source)
-    watched.refuse_unused(source, f"a condition {entry.type!r}", "conditions", k)
-    return made
-
-
-def _make_condition(c: Any, mechanism: Mechanism, driven: float, k: int, source: Source) -> kinds.Condition:
-    """Make the condition that an entry means; one of the input is in units of `driven`."""
+    """Make the condition that an entry means, with nothing in it that says nothing; `driven` is one of the input."""
     angle = math.pi / 180.0 if mechanism.model.units.angle == "deg" else 1.0
+    c: Any = _Watched(entry)
 
-    def require(what: str, value: Any, count: int | None = None) -> Any:
+    def require(name: str, count: int | None = None) -> Any:
+        value = getattr(c, name)
         if value is None or (count is not None and len(value) != count):
             wanted = f"{count} names" if count else "a value"
-            raise source.fault(f"condition {c.type!r} needs {what} = …, {wanted}", ("conditions", k))
-        return value
+            raise source.fault(f"condition {c.type!r} needs {name} = …, {wanted}", ("conditions", k))
+        return value if count is None else tuple(value)
 
+    def variable() -> Any:
+        return require("points", 2) if c.variable is None else c.variable
+
+    def scale(*values: float | None, by: float = angle) -> Any:
+        return tuple(None if value is None else value * by for value in values)
+
+    made: dict[str, Callable[[], kinds.Condition]] = {
+        "crank turns": lambda: kinds.crank_turns(c.kind, c.margin),
+        "transmission angle": lambda: kinds.transmission_angle(require("min") * angle, c.joint),
+        "size": lambda: kinds.size(require("max")),
+        "stock": lambda: stock(variable(), require("sizes")),
+        "integer": lambda: integer(variable(), c.step),
+        "within": lambda: kinds.within(require("point"), c.x, c.y, c.z),
+        "clear of": lambda: clear_of(require("region"), c.links, c.width, c.margin),
+        "clear links": lambda: clear_links(require("layers"), c.width, c.margin),
+        "no flip": lambda: kinds.no_flip(c.distance, *scale(c.input, by=driven)),
+        "only circuit": lambda: kinds.only_circuit(
+            {name: scale(*bounds, by=unit_of(mechanism, name)) for name, bounds in (c.stops or {}).items()}
+        ),
+        "circuit": lambda: on_circuit(require("side"), c.joint),
+        "direction": lambda: direction(*require("points", 2), *scale(c.value, c.min, c.max)),
+        "length": lambda: kinds.length(*require("points", 2), min=c.min, max=c.max),
+        "local": lambda: kinds.local(along=require("points", 2), point=require("point"), x=c.x, y=c.y),
+        "symmetric": lambda: kinds.symmetric(*require("points", 2), *([] if c.about is None else [c.about])),
+        "equal": lambda: kinds.equal(require("points", 2), require("other", 2) if c.value is None else c.value),
+    }
     with source.blamed(("conditions", k)):
-        if c.type == "crank turns":
-            return kinds.crank_turns(c.kind, c.margin)
-        if c.type == "transmission angle":
-            return kinds.transmission_angle(require("min", c.min) * angle, c.joint)
-        if c.type == "size":
-            return kinds.size(require("max", c.max))
-        if c.type in ("stock", "integer"):
-            what = c.variable if c.variable is not None else tuple(require("points", c.points, 2))
-            return integer(what, c.step) if c.type == "integer" else stock(what, require("sizes", c.sizes))
-        if c.type == "within":
-            return kinds.within(require("point", c.point), c.x, c.y, c.z)
-        if c.type == "clear of":
-            return clear_of(require("region", c.region), c.links, c.width, c.margin)
-        if c.type == "clear links":
-            return clear_links(require("layers", c.layers), c.width, c.margin)
-        if c.type == "no flip":
-            return kinds.no_flip(c.distance, None if c.input is None else c.input * driven)
-        if c.type == "only circuit":
-            return kinds.only_circuit({n: _scale_bounds(b, unit_of(mechanism, n)) for n, b in (c.stops or {}).items()})
-        if c.type == "circuit":
-            return on_circuit(require("side", c.side), c.joint)
-        start, end = require("points", c.points, 2)
-        if c.type == "direction":
-            return direction(start, end, *(None if v is None else v * angle for v in (c.value, c.min, c.max)))
-        if c.type == "length":
-            return kinds.length(start, end, c.min, c.max)
-        if c.type == "local":
-            return kinds.local(require("point", c.point), (start, end), c.x, c.y)
-        if c.type == "symmetric":
-            return kinds.symmetric(start, end, *([] if c.about is None else [c.about]))
-        if c.value is not None:
-            return kinds.equal((start, end), c.value)
-        first, second = require("other", c.other, 2)
-        return kinds.equal((start, end), (first, second))
-
-
-def _scale_bounds(bounds: tuple[float | None, float | None], unit: float) -> tuple[float | None, float | None]:
-    low, high = (None if bound is None else bound * unit for bound in bounds)
-    return low, high
+        condition = made[c.type]()
+    c.refuse_unused(source, f"a condition {entry.type!r}", "conditions", k)
+    return condition
 
 
 def _target(said: ProblemFile, folder: Path, source: Source) -> tuple[Any, bool]:
