@@ -10,7 +10,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -34,6 +34,7 @@ class Source:
         self.path = path  # where it is
         self.suffix = path.suffix.lower()
         self.text = _read_text(path)  # what it says
+        self._lines: dict[Place, int] = {}  # of the entries of a JSON text
         self.data = self._parse()  # the same as nested dictionaries and lists
         self._check(self.data)
 
@@ -61,10 +62,6 @@ class Source:
             yield
         except (MechanismError, InputError) as error:
             raise self.fault(str(error), place) from None
-
-    @cached_property
-    def _lines(self) -> dict[Place, int]:
-        return dict(_json_lines(self.text))
 
     # -- what --------------------------------------------------------------------------------------------------
 
@@ -97,11 +94,10 @@ class Source:
 
     def _parse_json(self) -> dict:
         data = json.loads(self.text)
-        seen = set()
         for place, line in _json_lines(self.text):
-            if place in seen:
+            if place in self._lines:
                 raise self.fault(f"{str(place[-1])!r} is given twice; keep one of them", line=line)
-            seen.add(place)
+            self._lines[place] = line
         return data
 
     def _syntax_fault(self, error: ValueError) -> ModelFileError:
@@ -325,45 +321,34 @@ def _field_names(expected: msgspec.inspect.Type, value: object) -> list[str]:
     return [*names, struct.tag_field] if struct is not None and struct.tag_field else names
 
 
-def describe(expected: msgspec.inspect.Type) -> str:
-    """Say what is expected, as a phrase."""
+# Plain types, as messages call one value of them and the entries of a list.
+_ONE_AND_MANY = {
+    kinds_of.FloatType: ("a number", "numbers"),
+    kinds_of.IntType: ("a whole number", "numbers"),
+    kinds_of.BoolType: ("true or false", "values"),
+    kinds_of.DictType: ("a table", "values"),
+    kinds_of.StrType: ("a name in quotes", "names"),
+}
+
+
+def describe(expected: msgspec.inspect.Type, many: bool = False) -> str:
+    """Say what is expected, as a phrase; with `many` of the entries of a list."""
     phrases = []
     for t in _alternatives(expected):
-        if isinstance(t, kinds_of.FloatType):
-            phrases.append("a number")
-        elif isinstance(t, kinds_of.IntType):
-            phrases.append("a whole number")
-        elif isinstance(t, kinds_of.BoolType):
-            phrases.append("true or false")
-        elif isinstance(t, kinds_of.LiteralType):
-            phrases.append("one of " + ", ".join(repr(v) for v in t.values))
-        elif isinstance(t, kinds_of.TupleType):
-            phrases.append(f"a list of {len(t.item_types)} {_plural(t.item_types[0])}")
-        elif isinstance(t, kinds_of.ListType | kinds_of.VarTupleType):
-            phrases.append(f"a list of {_plural(t.item_type)}")
-        elif isinstance(t, kinds_of.StructType):
+        if isinstance(t, kinds_of.TupleType | kinds_of.ListType | kinds_of.VarTupleType):
+            each = t.item_types if isinstance(t, kinds_of.TupleType) else (t.item_type,)
+            of = "lists of" if many else f"a list of {len(each)}" if isinstance(t, kinds_of.TupleType) else "a list of"
+            phrases.append(f"{of} {describe(each[0], many=True)}")
+        elif isinstance(t, kinds_of.StructType) and not many:
             needed = [f.encode_name for f in t.fields if f.required]
             phrase = "a table" + (f" with {', '.join(needed)}" if needed else "")
             phrases.append(phrase if t.tag is None else "a table with joint = …")
-        elif isinstance(t, kinds_of.DictType):
-            phrases.append("a table")
-        else:
-            phrases.append("a name in quotes")
-    return " or ".join(dict.fromkeys(phrases))
-
-
-def _plural(item: msgspec.inspect.Type) -> str:
-    """Say what the entries of a list are, as a phrase."""
-    phrases = []
-    for t in _alternatives(item):
-        if isinstance(t, kinds_of.FloatType | kinds_of.IntType):
-            phrases.append("numbers")
-        elif isinstance(t, kinds_of.TupleType | kinds_of.ListType):
-            phrases.append("lists of " + _plural(t.item_types[0] if isinstance(t, kinds_of.TupleType) else t.item_type))
+        elif isinstance(t, kinds_of.LiteralType) and not many:
+            phrases.append("one of " + ", ".join(repr(v) for v in t.values))
         elif isinstance(t, kinds_of.StructType):
             phrases.append("tables")
         else:
-            phrases.append("names" if isinstance(t, kinds_of.StrType) else "values")
+            phrases.append(_ONE_AND_MANY.get(type(t), ("a name in quotes", "values"))[many])
     return " or ".join(dict.fromkeys(phrases))
 
 
