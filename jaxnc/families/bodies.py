@@ -489,63 +489,47 @@ def _describe_edges(parts: Parts, owner: Owner, joint: record.Joint) -> list[Spa
 
 def _describe_edge(parts: Parts, edge: Callable[..., SpatialEdge], joint: record.Joint) -> SpatialEdge | None:
     """A joint of the description between two parts; None for one that joins no two."""
+    at: tuple[int | None, int | None] = (None, None)
+    axes: tuple[Line, ...] = (((), ()), ((), ()))
+    across: tuple[Line | None, ...] = (None, None)
+    shared: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())
     if isinstance(joint, record.Planar):
         other = (joint.on, joint.plane[1]) if isinstance(joint.on, str) else joint.on
-        at, axes = (
-            (parts.a.index[joint.plane[0]], parts.a.index[other[0]]),
-            tuple(map(parts.line, (joint.plane, other))),
-        )
-        i = _hold_line(parts, at[0], axes[0])
-        j = _hold_line(parts, at[1], axes[1], None, i)
-        return None if i is None or j is None else edge(how="planar", first=i, second=j, at=at, axes=axes)
-    if isinstance(joint, record.Prismatic | record.Cylindrical | record.Screw):
-        axis, start = parts.line(joint.line), parts.a.index[joint.line[0]]
-        if isinstance(joint.on, str):
-            on, other = parts.a.index[joint.on], axis if axis[1] else None
-        else:
-            on, other = parts.a.index[joint.on[0]], parts.line(joint.on)
-        if other is None:
+        how, at = "planar", (parts.a.index[joint.plane[0]], parts.a.index[other[0]])
+        axes = parts.line(joint.plane), parts.line(other)
+    elif isinstance(joint, record.Prismatic | record.Cylindrical | record.Screw):
+        axis = parts.line(joint.line)
+        if isinstance(joint.on, str) and not axis[1]:
             return None
-        directions = getattr(joint, "directions", None)
-        first, second = (None, None) if directions is None else map(parts.line, directions)
-        i = _hold_line(parts, start, axis, first)
-        j = _hold_line(parts, on, other, second, i)
-        if i is None or j is None:
-            return None
-        found = edge(
-            how="prismatic" if isinstance(joint, record.Prismatic) else "cylindrical",
-            first=i,
-            second=j,
-            at=(start, on),
-            axes=(axis, other),
-            shared=((), axis[1] if axis == other else ()),
-        )
-        if isinstance(joint, record.Screw):
-            found.angle, found.distance = joint.angle, joint.distance
-        return found
-    if isinstance(joint, record.Revolute | record.Universal):
+        on, other = (joint.on, axis) if isinstance(joint.on, str) else (joint.on[0], parts.line(joint.on))
+        how = "prismatic" if isinstance(joint, record.Prismatic) else "cylindrical"
+        at, axes = (parts.a.index[joint.line[0]], parts.a.index[on]), (axis, other)
+        shared = (), axis[1] if axis == other else ()
+        if directions := getattr(joint, "directions", None):
+            across = tuple(map(parts.line, directions))
+    elif isinstance(joint, record.Revolute | record.Universal):
         assert joint.axes is not None
-        a, b = map(parts.line, joint.axes)
-        first, second = (joint.points and parts.a.pair(joint.points)) or (None, None)
-        i = _hold_line(parts, first, a)
-        j = _hold_line(parts, second, b, None, i)
-        if i is None or j is None:
-            return None
-        points: tuple[int, ...] = ()
-        if first is None or second is None:
-            points = tuple(p for p in parts.parts[i].points if p in parts.parts[j].points)
-            if not points:
-                return None
-            first = second = points[0]
         how = "revolute" if isinstance(joint, record.Revolute) else "universal"
-        return edge(how=how, first=i, second=j, at=(first, second), axes=(a, b), shared=(points[:1], ()))
-    if isinstance(joint, record.Spherical):
-        p, q = parts.a.pair(joint.points)
-        i = parts.holder((p,), turning=True)
-        j = parts.holder((q,), but=i, turning=True)
-        if i is not None and j is not None:
-            return edge(how="spherical", first=i, second=j, at=(p, q))
-    return None
+        axes = tuple(map(parts.line, joint.axes))
+        if joint.points:
+            at = parts.a.pair(joint.points)
+    elif isinstance(joint, record.Spherical):
+        how, at = "spherical", parts.a.pair(joint.points)
+    else:
+        return None
+    i = _hold_line(parts, at[0], axes[0], across[0])
+    j = _hold_line(parts, at[1], axes[1], across[1], i)
+    if i is None or j is None:
+        return None
+    if None in at:
+        pin = next((p for p in parts.parts[i].points if p in parts.parts[j].points), None)
+        if pin is None:
+            return None
+        at, shared = (pin, pin), ((pin,), ())
+    found = edge(how=how, first=i, second=j, at=at, axes=axes, shared=shared)
+    if isinstance(joint, record.Screw):
+        found.angle, found.distance = joint.angle, joint.distance
+    return found
 
 
 def _hold_line(
