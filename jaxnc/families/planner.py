@@ -16,7 +16,6 @@ from jaxnc.families.program import (
     AT,
     DIRECTION,
     EQUAL,
-    HELD,
     NORMALISED,
     PAIR,
     PROJECTION,
@@ -29,7 +28,6 @@ from jaxnc.families.program import (
     Program,
     Scribe,
     Turn,
-    Vector,
     compose_kind,
     fixed,
     scale,
@@ -64,7 +62,7 @@ class Atlas:
     """Where all points and vectors are, as programs of the variables."""
 
     places: tuple[Place, ...]
-    directions: tuple[Arm | Vector, ...]
+    directions: tuple[Arm, ...]
     scalars: tuple["Linear | Measured | None", ...]
     points: tuple[int, ...]
     drawn: tuple[int, ...]
@@ -200,10 +198,10 @@ class Planner(ABC):
                 reading = Reading(Recipe("unit", (), (0,)), i)
                 self.add_variable(name, f"component of {part.name}", reading, (), part.vectors, pure=True)
             return
-        origin, mean = part.origin, "mean" if dim == 2 else "mean in space"
+        origin = part.origin
         at = tuple(range(len(origin.points))), tuple(range(len(origin.vectors)))
         for i, name in enumerate(names[:dim]):
-            reading = Reading(Recipe(mean, *at, origin.how), i)
+            reading = Reading(Recipe("mean", *at, origin.how), i)
             self.add_variable(name, f"{'xyz'[i]} of {point}", reading, origin.points, origin.vectors)
         if part.turns == "bar":
             self.direct(k)
@@ -233,11 +231,11 @@ class Planner(ABC):
             scribe = Scribe()
             self.write(NORMALISED[how], (owner,), scribe, scalars=tuple(scribe.s(n) for n in names))
 
-    def direction(self, scribe: Scribe, k: int, vector: int) -> Arm | Vector:
+    def direction(self, scribe: Scribe, k: int, vector: int) -> Arm:
         """A unit vector of a part."""
         part = self.parts.parts[k]
         if k == 0:
-            return Vector(scribe.v(vector))
+            return Arm(None, tuple(((1.0, x, scribe.v(vector)),) for x in "XYZ"))
         if part.turns == "no":
             return Arm(None, tuple(scribe.s(f"{part.name}.{x}") for x in "xyz"))
         if part.turns == "bar":
@@ -304,10 +302,7 @@ class Planner(ABC):
         angle, data = self.is_angle(name), self.a.measured[name]
         self.variables[name] = Variable(name, meaning, angle, angle)
         self.angles[name] = self.drawn[name]
-        self.readings[name] = Instance(
-            silence(data.kind), data.points, (name,), data.owners, data.drawn, data.vectors,  # pyright: ignore[reportArgumentType]
-            dict(data.lengths), dict(data.given),
-        )  # fmt: skip
+        self.readings[name] = replace(data, kind=silence(data.kind), scalars=(name,))
 
     def estimate(self, scribe: Scribe, value: Linear) -> float:
         """About what a sum of angles is in the drawing."""
@@ -470,7 +465,7 @@ class Planner(ABC):
         """Note a coordinate of a point as a variable: the point, and the axis."""
         found = self.component(name)
         assert found is not None
-        reading = Reading(Recipe("mean" if self.parts.dim == 2 else "mean in space", (0,)), found[1])
+        reading = Reading(Recipe("mean", (0,)), found[1])
         self.add_variable(name, f"coordinate {name}", reading, found[:1])
         return found
 
@@ -521,7 +516,7 @@ class Planner(ABC):
             )
         scribe = Scribe()
         if vectors:
-            one: Arm | Vector = self.direction(scribe, first, vectors[0])
+            one: Arm = self.direction(scribe, first, vectors[0])
         elif self.parts.parts[first].turns == "bar":
             one = Arm(None, tuple(map(scribe.s, self.bar(first))))
         else:
@@ -542,7 +537,8 @@ class Planner(ABC):
             for axis in np.flatnonzero(axes):
                 scribe = Scribe()
                 place = self.place(scribe, self.parts.best((p,))[0], p)
-                self.write(HELD[axis], (Owner(Thing.POINT, p),), scribe, (place, self.place(scribe, 0, p)))
+                still = Coordinate(self.place(scribe, 0, p), int(axis))
+                self.write(AT[axis], (Owner(Thing.POINT, p),), scribe, (place,), (still,))
 
     def rigid(self, data: Instance) -> bool:
         """Say whether a natural constraint holds because its points are of one part, or concerns no variable."""

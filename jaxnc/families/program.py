@@ -26,7 +26,7 @@ from jaxnc.types import Array, Components, Scalar
 
 Linear = tuple[tuple[float, str, int], ...]
 """A sum ``factor · what[index]``: ``"s"`` a variable, ``"c"`` a constant, ``"1"`` one, ``"x"``, ``"y"``, ``"z"`` a
-coordinate of a drawn point. Empty is zero."""
+coordinate of a drawn point, ``"X"``, ``"Y"``, ``"Z"`` a component of a drawn unit vector. Empty is zero."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,7 @@ class Arm:
     at: tuple[Linear, ...]
 
 
-@dataclass(frozen=True)
-class Vector:
-    """A drawn unit vector that stands still."""
-
-    index: int
-
-
-Place = tuple[Arm | Vector, ...]
+Place = tuple[Arm, ...]
 """A point, the sum of its pieces."""
 
 
@@ -72,7 +65,7 @@ class Measured:
 
     kind: Kind
     places: tuple[Place, ...]
-    directions: tuple["Arm | Vector", ...] = ()
+    directions: tuple[Arm, ...] = ()
     constants: tuple[Linear, ...] = ()
 
 
@@ -104,7 +97,8 @@ class Evaluator:
                 written = len(self.s) and isinstance(self.s[0], Expression)
                 term = Expression.of(PI) * (factor / np.pi) if written else float(factor)
             else:
-                x = self.s[i] if what == "s" else self.c[i] if what == "c" else self.p[i]["xyz".index(what)]
+                drawn = self.v if what.isupper() else self.p
+                x = self.s[i] if what == "s" else self.c[i] if what == "c" else drawn[i]["xyz".index(what.lower())]
                 term = x if factor == 1.0 else -x if factor == -1.0 else factor * x
             out = term if out is None else out + term
         return out
@@ -125,10 +119,8 @@ class Evaluator:
             self.turns[turn] = found
         return self.turns[turn]
 
-    def arm(self, arm: "Arm | Vector") -> list:
+    def arm(self, arm: Arm) -> list:
         """Components along the axes of the ground."""
-        if isinstance(arm, Vector):
-            return list(self.v[arm.index])
         at = [self.linear(x) for x in arm.at]
         if arm.turn is None:
             return at
@@ -186,7 +178,7 @@ class Program:
 
     kind: Kind  # the kind of the constraint, whose points are these places
     places: tuple[Place, ...]  # its points
-    directions: tuple[Arm | Vector, ...]
+    directions: tuple[Arm, ...]
     scalars: tuple[Linear | Measured | Coordinate, ...]
     recipes: tuple[Recipe, ...]  # how the constants of places are read off the drawing
     own: tuple[int, ...]  # its own points among those of the instance, from which its own constants are read
@@ -376,17 +368,6 @@ SAME_TURN = Kind(
 
 
 @factory
-def _held_kind(axis: int) -> Kind:
-    return Kind(
-        f"held {'xyz'[axis]}",
-        lambda p, v, s, c: (p[0][axis] - p[1][axis],),
-        rows=("xyz"[axis],),
-        points=2,
-        source="a coordinate of a point that does not change",
-    )
-
-
-@factory
 def _at_kind(axis: int) -> Kind:
     return Kind(
         f"at {'xyz'[axis]}",
@@ -394,12 +375,11 @@ def _at_kind(axis: int) -> Kind:
         rows=("xyz"[axis],),
         points=1,
         scalars=1,
-        source="a coordinate of a point as a variable",
+        source="a coordinate of a point that is a variable, or does not change",
     )
 
 
 AT = tuple(map(_at_kind, range(3)))
-HELD = tuple(map(_held_kind, range(3)))
 
 
 def _unit_kind(name: str, count: int, source: str) -> Kind:

@@ -417,7 +417,11 @@ class SpatialRelative(Planner):
             self.direct(child)
             return
         if edge.how == "spherical":
-            self.hang_ball(hung, child, where)
+            hung.turn = self.parameters(f"{called}.{part.name}")
+            if hung.turn[0] in self.variables:
+                hung.turn = self.parameters(f"{called}.{self.parts.parts[parent].name}.{part.name}")
+            meaning = f"{self.orientation.capitalize()} {where} at {called}"
+            self.orient(hung.turn, *self.between(hung, child, self.orientation, 0), meaning, edge.owner)
             return
         if edge.how in ("revolute", "cylindrical", "universal"):
             names = [edge.angle or f"theta_{called}"]
@@ -450,13 +454,3 @@ class SpatialRelative(Planner):
         lines = [edge.axes[side] for side in sides if any(edge.axes[side])]
         axes = tuple(scribe.at(p) if p else (~scribe.v(v[0]),) for p, v in lines)
         return Between(how, i, parent, this, axes, tuple(scribe.p(edge.at[side]) for side in sides)), scribe
-
-    def hang_ball(self, hung: HungInSpace, child: int, where: str) -> None:
-        """Note the orientation parameters of a ball joint."""
-        part, how = self.parts.parts[child], self.orientation
-        called = self.a.text(hung.edge.owner)
-        hung.turn = self.parameters(f"{called}.{part.name}")
-        if hung.turn[0] in self.variables:
-            hung.turn = self.parameters(f"{called}.{self.parts.parts[hung.parent].name}.{part.name}")
-        meaning = f"{how[0].upper()}{how[1:]} {where} at {called}"
-        self.orient(hung.turn, *self.between(hung, child, how, 0), meaning, hung.edge.owner)

@@ -177,8 +177,7 @@ _HOW = {
     "length": (lambda p, v, extra: (norm(p[1] - p[0]),), ("length",)),
     "direction": (_read_direction, ("angle",)),
     "between": (_read_between, ("angle",)),
-    "mean": (_find_origin, ("x", "y")),
-    "mean in space": (_find_origin, ("x", "y", "z")),
+    "mean": (_find_origin, ("x", "y", "z")),  # z in space only
     "local": (_read_local, _PAIR),
     "sliding": (_read_sliding, _PAIR),
     "normal": (_read_normal, ("normal", "offset")),
