@@ -356,39 +356,6 @@ class Flow:
         return v + self.solve_stage(VELOCITY, 0.0, q, v).change
 
 
-class Law(NamedTuple):
-    """The numbers of a motion that its accelerations depend on."""
-
-    constants: tuple[AnyArray, ...]  # of the constraints
-    linear: tuple[AnyArray, ...]  # coefficients of quadratic kinds
-    quadratic: tuple[AnyArray, ...]
-    mass: AnyArray
-    moments: AnyArray
-    gravity: AnyArray
-    forces: tuple[PyTree, ...]  # parameters of the kinds of force
-    own: tuple[PyTree, ...]  # parameters of the forces that are functions
-    rates: tuple[AnyArray, ...]  # constants of the rows on velocities
-    drive_args: tuple[tuple[AnyArray, ...], ...]
-
-    @classmethod
-    def of(cls, flow: Flow) -> "Law":
-        """Collect the numbers of a motion."""
-        dyn, eq = flow.dyn, flow.dyn.eq
-        return cls(
-            eq.constants, eq.linear, eq.quadratic, dyn.mass, dyn.moments, dyn.gravity, dyn.constants, dyn.own,
-            dyn.rates, flow.drive_args,
-        )  # fmt: skip
-
-    def put(self, flow: Flow) -> Flow:
-        """Return a motion with these numbers."""
-        eq = dataclasses.replace(flow.dyn.eq, constants=self.constants, linear=self.linear, quadratic=self.quadratic)
-        dyn = dataclasses.replace(
-            flow.dyn, eq=eq, mass=self.mass, moments=self.moments, gravity=self.gravity, constants=self.forces,
-            own=self.own, rates=self.rates,
-        )  # fmt: skip
-        return dataclasses.replace(flow, dyn=dyn, drive_args=self.drive_args)
-
-
 def _call_drive(f: Callable, args: Sequence[Array], t: Array) -> Array:
     return jnp.asarray(f(t, *args), float)
 

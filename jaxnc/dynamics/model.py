@@ -426,7 +426,7 @@ def _derive_with_changes(known: System, system: System) -> Dynamics:
         with np.errstate(all="ignore"):
             drawn = carry_design(top, flat[: len(flat) - par.physical.size], par.near)
             carried = group_inertias(top, points, drawn.drawing, drawn.vectors, physical)
-            moves = _sums(top, carried, drawn.home, physical)
+            moves = sum_parts(top, carried, drawn.home, physical)
         slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])
         value = attach_matrix(value, changed, slopes)
     rest: Any = *value, system.parameters.own, found.rates
@@ -449,11 +449,11 @@ def _derive_traced(system: System) -> Dynamics:
 
 def _parts(system: System, home: Numbers, par: Parameters) -> Any:
     """Return the fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
-    sums = _sums(system.topology, inertias(system), home, par.physical)
+    sums = sum_parts(system.topology, inertias(system), home, par.physical)
     return *sums, par.own, rate_constants(System(system.topology, par))
 
 
-def _sums(
+def sum_parts(
     top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbers, Numbers]], home: Any, physical: Any
 ) -> Any:
     """Return masses, gravity and what forces and frictions are given, from `inertias`, coordinates and parameters.
