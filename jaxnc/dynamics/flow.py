@@ -37,7 +37,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.solvers.saddle import saddle
 from jaxnc.system.equations import Equations, coefficients, slips, weights
-from jaxnc.system.structure import curvature, jax_function, pattern, program, quadratic, size
+from jaxnc.system.structure import curvature, jax_function, pattern, program, quadratic, size, time_rate
 from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Coordinates, PyTree
 
@@ -164,17 +164,6 @@ def select_stage(stage: ArrayLike, *options: Callable[[], PyTree]) -> PyTree:
     )
 
 
-@with_owner
-def motion_plan(topology: Topology, driven: tuple[str, ...]) -> Plan:
-    """Plan a motion: coordinates that are neither fixed nor driven are solved for."""
-    if topology.large:
-        raise InputError(
-            f"{topology.name!r} has {len(topology.unknown)} unknowns and is kept sparse; dynamics works with dense "
-            f"matrices: compile(sparse=False)"
-        )
-    return plan(topology, driven)
-
-
 @record
 class Flow:
     """The motion of one design under its forces and drives."""
@@ -191,7 +180,12 @@ class Flow:
     def of(cls, dyn: Dynamics, freedom: int, drives: Sequence[Drive] = (), singular: bool = False) -> "Flow":
         """Return the motion of a design with some coordinates driven."""
         top = dyn.topology
-        view = motion_plan(top, tuple(name for name, _ in drives))
+        if top.large:
+            raise InputError(
+                f"{top.name!r} has {len(top.unknown)} unknowns and is kept sparse; dynamics works with dense matrices: "
+                f"compile(sparse=False)"
+            )
+        view = plan(top, tuple(name for name, _ in drives))  # what is neither fixed nor driven is solved for
         rank = len(top.unknown) - freedom
         many = len(view.rows) > rank or bool(drives) or bool(top.rates)
         return cls(dyn, view, tuple(drives), singular or many)
@@ -206,8 +200,8 @@ class Flow:
         out = []
         for k, (_, f) in enumerate(self.drives):
             g = functools.partial(_call_drive, f, self.drive_args[k] if self.drive_args else ())
-            dg = functools.partial(_time_rate, g)
-            out.append((g(t), dg(t), _time_rate(dg, t)))
+            dg = functools.partial(time_rate, g)
+            out.append((g(t), dg(t), time_rate(dg, t)))
         values, rates, accelerations = (jnp.stack(x) for x in zip(*out, strict=True))
         return values, rates, accelerations
 
@@ -358,10 +352,6 @@ class Flow:
 
 def _call_drive(f: Callable, args: Sequence[Array], t: Array) -> Array:
     return jnp.asarray(f(t, *args), float)
-
-
-def _time_rate(f: Callable, t: Array) -> Array:
-    return jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
 # -- small mechanisms, written out ------------------------------------------------------------------------------------
