@@ -21,7 +21,7 @@ from jaxnc.solvers.assembly import derive, evaluate, rank_of, sample_poses
 from jaxnc.solvers.elimination import with_special
 from jaxnc.system.design import design, design_numbers
 from jaxnc.system.equations import pure_numbers
-from jaxnc.system.frames import spread
+from jaxnc.system.frames import span, spread
 from jaxnc.system.on_lanes import reading
 from jaxnc.system.structure import Formula
 from jaxnc.system.system import Parameters, System
@@ -89,11 +89,8 @@ def _spans(top: Topology, points: Numbers, vectors: Numbers) -> list[tuple[Numbe
     """Return the two segments that each hidden vector is across."""
     assert top.extended is not None
     frames = {f"{b.name} across": b.segments for b in top.bodies}
-
-    def span(segment: tuple[int, ...]) -> Numbers:
-        return vectors[~segment[0]] if len(segment) == 1 else points[segment[1]] - points[segment[0]]
-
-    return [(span(first), span(second)) for first, second, *_ in (frames[name] for name in top.extended.loads.hidden)]
+    pairs = (frames[name][:2] for name in top.extended.loads.hidden)
+    return [(span(first, points, vectors), span(second, points, vectors)) for first, second in pairs]
 
 
 def across_vectors(top: Topology, points: Numbers, vectors: Numbers) -> Numbers:

@@ -37,7 +37,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.solvers.saddle import saddle
 from jaxnc.system.equations import Equations, coefficients, slips, weights
-from jaxnc.system.structure import curvature, jax_function, pattern, program, quadratic, size
+from jaxnc.system.structure import curvature, jax_function, pattern, program, quadratic, size, time_rate
 from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import AnyArray, Array, ArrayLike, Coordinates, PyTree
 
@@ -164,17 +164,6 @@ def select_stage(stage: ArrayLike, *options: Callable[[], PyTree]) -> PyTree:
     )
 
 
-@with_owner
-def motion_plan(topology: Topology, driven: tuple[str, ...]) -> Plan:
-    """Plan a motion: coordinates that are neither fixed nor driven are solved for."""
-    if topology.large:
-        raise InputError(
-            f"{topology.name!r} has {len(topology.unknown)} unknowns and is kept sparse; dynamics works with dense "
-            f"matrices: compile(sparse=False)"
-        )
-    return plan(topology, driven)
-
-
 @record
 class Flow:
     """The motion of one design under its forces and drives."""
@@ -191,7 +180,12 @@ class Flow:
     def of(cls, dyn: Dynamics, freedom: int, drives: Sequence[Drive] = (), singular: bool = False) -> "Flow":
         """Return the motion of a design with some coordinates driven."""
         top = dyn.topology
-        view = motion_plan(top, tuple(name for name, _ in drives))
+        if top.large:
+            raise InputError(
+                f"{top.name!r} has {len(top.unknown)} unknowns and is kept sparse; dynamics works with dense matrices: "
+                f"compile(sparse=False)"
+            )
+        view = plan(top, tuple(name for name, _ in drives))  # what is neither fixed nor driven is solved for
         rank = len(top.unknown) - freedom
         many = len(view.rows) > rank or bool(drives) or bool(top.rates)
         return cls(dyn, view, tuple(drives), singular or many)
@@ -206,8 +200,8 @@ class Flow:
         out = []
         for k, (_, f) in enumerate(self.drives):
             g = functools.partial(_call_drive, f, self.drive_args[k] if self.drive_args else ())
-            dg = functools.partial(_time_rate, g)
-            out.append((g(t), dg(t), _time_rate(dg, t)))
+            dg = functools.partial(time_rate, g)
+            out.append((g(t), dg(t), time_rate(dg, t)))
         values, rates, accelerations = (jnp.stack(x) for x in zip(*out, strict=True))
         return values, rates, accelerations
 
@@ -356,45 +350,8 @@ class Flow:
         return v + self.solve_stage(VELOCITY, 0.0, q, v).change
 
 
-class Law(NamedTuple):
-    """The numbers of a motion that its accelerations depend on."""
-
-    constants: tuple[AnyArray, ...]  # of the constraints
-    linear: tuple[AnyArray, ...]  # coefficients of quadratic kinds
-    quadratic: tuple[AnyArray, ...]
-    mass: AnyArray
-    moments: AnyArray
-    gravity: AnyArray
-    forces: tuple[PyTree, ...]  # parameters of the kinds of force
-    own: tuple[PyTree, ...]  # parameters of the forces that are functions
-    rates: tuple[AnyArray, ...]  # constants of the rows on velocities
-    drive_args: tuple[tuple[AnyArray, ...], ...]
-
-    @classmethod
-    def of(cls, flow: Flow) -> "Law":
-        """Collect the numbers of a motion."""
-        dyn, eq = flow.dyn, flow.dyn.eq
-        return cls(
-            eq.constants, eq.linear, eq.quadratic, dyn.mass, dyn.moments, dyn.gravity, dyn.constants, dyn.own,
-            dyn.rates, flow.drive_args,
-        )  # fmt: skip
-
-    def put(self, flow: Flow) -> Flow:
-        """Return a motion with these numbers."""
-        eq = dataclasses.replace(flow.dyn.eq, constants=self.constants, linear=self.linear, quadratic=self.quadratic)
-        dyn = dataclasses.replace(
-            flow.dyn, eq=eq, mass=self.mass, moments=self.moments, gravity=self.gravity, constants=self.forces,
-            own=self.own, rates=self.rates,
-        )  # fmt: skip
-        return dataclasses.replace(flow, dyn=dyn, drive_args=self.drive_args)
-
-
 def _call_drive(f: Callable, args: Sequence[Array], t: Array) -> Array:
     return jnp.asarray(f(t, *args), float)
-
-
-def _time_rate(f: Callable, t: Array) -> Array:
-    return jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
 # -- small mechanisms, written out ------------------------------------------------------------------------------------

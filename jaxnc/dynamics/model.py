@@ -36,7 +36,7 @@ from jaxnc.system.frames import orthonormal_axes
 from jaxnc.system.loads import ForceBlock, InertiaIndex
 from jaxnc.system.on_lanes import reading
 from jaxnc.system.precision import numbers
-from jaxnc.system.structure import Formula
+from jaxnc.system.structure import Formula, operands, size
 from jaxnc.system.system import Parameters, System
 from jaxnc.system.topology import INDEX, Topology
 from jaxnc.types import Array, ArrayLike, Coordinates, Float, Numbers
@@ -426,7 +426,7 @@ def _derive_with_changes(known: System, system: System) -> Dynamics:
         with np.errstate(all="ignore"):
             drawn = carry_design(top, flat[: len(flat) - par.physical.size], par.near)
             carried = group_inertias(top, points, drawn.drawing, drawn.vectors, physical)
-            moves = _sums(top, carried, drawn.home, physical)
+            moves = sum_parts(top, carried, drawn.home, physical)
         slopes = np.concatenate([x[..., 1:].reshape(-1, len(at)) for x in jax.tree.leaves(moves)])
         value = attach_matrix(value, changed, slopes)
     rest: Any = *value, system.parameters.own, found.rates
@@ -449,11 +449,11 @@ def _derive_traced(system: System) -> Dynamics:
 
 def _parts(system: System, home: Numbers, par: Parameters) -> Any:
     """Return the fields of `Dynamics` between equations and system: NumPy's of NumPy parameters."""
-    sums = _sums(system.topology, inertias(system), home, par.physical)
+    sums = sum_parts(system.topology, inertias(system), home, par.physical)
     return *sums, par.own, rate_constants(System(system.topology, par))
 
 
-def _sums(
+def sum_parts(
     top: Topology, found: Sequence[tuple[np.ndarray, Numbers, Numbers, Numbers]], home: Any, physical: Any
 ) -> Any:
     """Return masses, gravity and what forces and frictions are given, from `inertias`, coordinates and parameters.
@@ -485,19 +485,13 @@ def force_variables(top: Topology, number: int) -> np.ndarray:
     return np.concatenate([spread(block.points, 0), spread(block.vectors, len(top.points)), scalars], axis=1)
 
 
-def _split(dim: int, kind: ForceKind, x: Array) -> tuple[Array, Array, Array]:
-    """Part the variables of one force into points, vectors and scalars."""
-    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    return x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim), x[b:]
-
-
 @functools.lru_cache(maxsize=256)
 def check_indices(kind: ForceKind, dim: int) -> None:
     """Refuse a user's kind that asks for a point, vector, coordinate or parameter beyond those it declares.
 
     JAX would give it the last one in silence.
     """
-    width = (kind.points + kind.vectors) * dim + kind.scalars
+    width = size(kind, dim)
 
     def evaluate(x: Array, dx: Array, c: Array, t: Array) -> tuple[Array]:
         return (instance_force(dim, kind, t, x, dx, c),)
@@ -545,12 +539,12 @@ def force_constants(top: Topology, home: Any, block: ForceBlock, physical: Any) 
 def drawn_parameters(kind: ForceKind, dim: int) -> tuple[Formula, list[bool]]:
     """Read off a kind what a drawing says of a force's parameters, and which parameters it says nothing of."""
     assert kind.drawn is not None
-    drawn, width = kind.drawn, (kind.points + kind.vectors) * dim + kind.scalars
+    drawn, width = kind.drawn, size(kind, dim)
     what = f"kind {kind.name!r}: drawn="
 
     def call(y: Array) -> tuple[Any, ...]:
         return as_scalars(
-            call_user(drawn, what, "p, v, s", *_split(dim, kind, y)), what, len(kind.parameters), drawn=True
+            call_user(drawn, what, "p, v, s", *operands(kind, dim, y)), what, len(kind.parameters), drawn=True
         )
 
     def read(y: Array) -> Array:
@@ -580,7 +574,7 @@ def potential(dyn: Dynamics, q: Coordinates) -> Array:
 @functools.lru_cache(maxsize=256)
 def energy_formula(kind: ForceKind, dim: int) -> Formula:
     """Read a kind's energy as a function of its variables and parameters."""
-    width = (kind.points + kind.vectors) * dim + kind.scalars
+    width = size(kind, dim)
     try:
         return reading(_instance_energy, (kind, dim), ((width,), (len(kind.parameters),)))[0]
     except Unreadable:
@@ -590,7 +584,7 @@ def energy_formula(kind: ForceKind, dim: int) -> Formula:
 def _instance_energy(kind: ForceKind, dim: int, y: Array, c: Array) -> Array:
     assert kind.potential is not None
     what = f"kind {kind.name!r}: potential="
-    return as_real(call_user(kind.potential, what, "p, v, s, c", *_split(dim, kind, y), c), what, "one number", ())
+    return as_real(call_user(kind.potential, what, "p, v, s, c", *operands(kind, dim, y), c), what, "one number", ())
 
 
 def forces(dyn: Dynamics, t: Array, q: Coordinates, v: Coordinates) -> Float[Array, " N"]:
@@ -631,16 +625,16 @@ def instance_force(
     if kind.potential is not None and only in (None, "potential"):
         total = total - jax.grad(lambda y: _instance_energy(kind, dim, y, c))(x)
     if (loss := kind.dissipation) and only in (None, "dissipation"):
-        what, at = f"kind {kind.name!r}: dissipation=", _split(dim, kind, x)
+        what, at = f"kind {kind.name!r}: dissipation=", operands(kind, dim, x)
 
         def dissipate(dy: Array) -> Array:
-            found = call_user(loss, what, "p, v, s, dp, dv, ds, c", *at, *_split(dim, kind, dy), c)
+            found = call_user(loss, what, "p, v, s, dp, dv, ds, c", *at, *operands(kind, dim, dy), c)
             return as_real(found, what, "one number", ())
 
         total = total - jax.grad(dissipate)(dx)
     if kind.force is not None and only in (None, "force"):
         what, returns = f"kind {kind.name!r}: force=", "forces on its points, vectors and scalars, an array of each"
-        at = *_split(dim, kind, x), *_split(dim, kind, dx)
+        at = *operands(kind, dim, x), *operands(kind, dim, dx)
         found = call_user(kind.force, what, "t, p, v, s, dp, dv, ds, c", t, *at, c)
         parts = found if isinstance(found, tuple | list) else (found,)
         whole = jnp.concatenate([as_real(part, what, returns).reshape(-1) for part in (*parts, jnp.zeros(0))])

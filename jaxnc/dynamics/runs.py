@@ -28,9 +28,9 @@ from jaxnc.autodiff import Rules, custom_jvp_vjp
 from jaxnc.autodiff import attach as attach_derivative
 from jaxnc.compiling import filter_jit, is_outermost, jit, on_device
 from jaxnc.dynamics.extended import across_vectors, extended, is_concrete, lift, lift_rates, lower, shown_places
-from jaxnc.dynamics.flow import ACCELERATION, Flow, Law, StageSolution, WrittenFlow
+from jaxnc.dynamics.flow import ACCELERATION, Flow, StageSolution, WrittenFlow
 from jaxnc.dynamics.integrate import START, Control, Event, History, Integration, equal_steps, integrate, pull_back
-from jaxnc.dynamics.model import State, drawn_parameters, dynamics, force_constants, group_inertias, sum_inertias
+from jaxnc.dynamics.model import State, drawn_parameters, dynamics, group_inertias, sum_parts
 from jaxnc.dynamics.simulation import join_fields
 from jaxnc.dynamics.start import (
     Rates,
@@ -52,7 +52,7 @@ from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.saddle import saddle
 from jaxnc.solvers.traced import PIECE, ask_host, shorten_equations
 from jaxnc.status import Status
-from jaxnc.system.design import Drawn, carry_design, unit_formula
+from jaxnc.system.design import GEOMETRY, Drawn, carry_design, unit_formula, with_unit_changes
 from jaxnc.system.equations import Equations, equations, renumbered
 from jaxnc.system.host import from_jax
 from jaxnc.system.precision import numbers as numbers_as
@@ -411,13 +411,19 @@ def _resume(numbers: RunNumbers, found: Run) -> RunNumbers:
 
 # -- how the numbers of a motion change with its design ---------------------------------------------------------------
 
-DERIVED = "constants", "linear", "quadratic", "mass", "moments", "gravity", "forces"
-"""Numbers of a `Law` that follow from the design."""
+Derived = tuple[PyTree, ...]
+"""Numbers of a motion that follow from the design, see `derived_numbers`; or changes of them."""
 
 Origin = Plan | tuple[int, ...] | None
 """What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
 
-_GEOMETRY = "points", "vectors", "markers", "dimensions", "physical"
+_PARAMETERS = *GEOMETRY, "physical"
+
+
+def derived_numbers(flow: Flow) -> Derived:
+    """Take the numbers out of a motion that the host differentiates: coefficients, inertia, parameters of forces."""
+    eq, dyn = flow.dyn.eq, flow.dyn
+    return eq.constants, eq.linear, eq.quadratic, dyn.mass, dyn.moments, dyn.gravity, dyn.constants
 
 
 def host_differentiates(top: Topology) -> bool:
@@ -436,15 +442,12 @@ class DesignChanges:
     def __init__(self, system: System, eq: Equations):
         top, self.eq, self.system = system.topology, eq, system
         self.top = inner = top.extended or top
-        par = {name: np.asarray(getattr(system.parameters, name)) for name in _GEOMETRY}
-        ends = np.cumsum([0, *(x.size for x in par.values())])
-        self.count = int(ends[-1])
-        values = np.concatenate([x.reshape(-1) for x in par.values()])
-        flat = np.concatenate([values[:, None], np.eye(self.count)], axis=1)
-        self.given = x = {
-            name: flat[a:b].reshape(*value.shape, 1 + self.count)
-            for (name, value), a, b in zip(par.items(), ends[:-1], ends[1:], strict=True)
-        }
+        par = {name: np.asarray(getattr(system.parameters, name)) for name in _PARAMETERS}
+        values = np.concatenate([x.reshape(-1) for x in par.values()]).astype(float)
+        self.count = len(values)
+        parts = np.split(with_unit_changes(values, np.arange(self.count)), np.cumsum([x.size for x in par.values()]))
+        wide = 1 + self.count
+        self.given = x = {n: part.reshape(*a.shape, wide) for (n, a), part in zip(par.items(), parts, strict=False)}
         with np.errstate(all="ignore"):
             vectors = x["vectors"]
             if inner is not top:
@@ -457,16 +460,13 @@ class DesignChanges:
         near = self.system.parameters.near
         return carry_design(top, np.concatenate([part.reshape(-1, 1 + self.count) for part in parts]), near)
 
-    def law(self) -> Law:
-        """Return all numbers that accelerations depend on, but parameters that are used as they are given."""
-        top, x, drawn, loads = self.top, self.given, self.drawn, self.top.loads
-        physical, constants = x["physical"], drawn.constants
-        eq = renumbered(self.eq, constants, [np.asarray(scale) for scale in self.eq.scales])
-        found = group_inertias(top, x["points"], drawn.drawing, drawn.vectors, physical)
-        mass, moments, _ = sum_inertias(top, found)
-        gravity = physical[list(loads.gravity)] if loads.gravity else np.zeros((top.dim, 1 + self.count))
-        forces = tuple(force_constants(top, drawn.home, block, physical) for block in loads.forces)
-        return Law(constants, eq.linear, eq.quadratic, mass, moments, gravity, forces, (), (), ())
+    def derived(self) -> Derived:
+        """Return all numbers of `derived_numbers`."""
+        x, drawn = self.given, self.drawn
+        eq = renumbered(self.eq, drawn.constants, [np.asarray(scale) for scale in self.eq.scales])
+        found = group_inertias(self.top, x["points"], drawn.drawing, drawn.vectors, x["physical"])
+        mass, moments, _, gravity, forces, _ = sum_parts(self.top, found, drawn.home, x["physical"])
+        return drawn.constants, eq.linear, eq.quadratic, mass, moments, gravity, forces
 
     def pose(self, view: Plan, q: np.ndarray) -> np.ndarray:
         """Return changes of a pose ``(N, changes + known)``, by the parameters, then by a plan's known coordinates."""
@@ -499,7 +499,7 @@ def pull_back_design(
     eq: Equations,
     at: np.ndarray,
     pose_bar: np.ndarray,
-    law_bar: Law,
+    derived_bar: Derived,
 ) -> np.ndarray:
     """Pull changes of a start and of the numbers of a motion back to the design, in NumPy.
 
@@ -510,17 +510,16 @@ def pull_back_design(
         eq: the equations that its dynamics works on.
         at: the start.
         pose_bar: the changes of the start.
-        law_bar: the changes of the numbers.
+        derived_bar: the changes of the numbers.
 
     Returns:
         Changes of all parameters, then of the known coordinates of an assembled start, one after the other.
     """
     with np.errstate(all="ignore"):
         changes = DesignChanges(spec.system(parameters), eq)
-        found, law = np.zeros(changes.count), changes.law()
-        for name in DERIVED:
-            for bar, value in zip(*(jax.tree.leaves(getattr(x, name)) for x in (law_bar, law)), strict=True):
-                found = found + np.tensordot(bar, value[..., 1:], bar.ndim)
+        found = np.zeros(changes.count)
+        for bar, value in zip(*map(jax.tree.leaves, (derived_bar, changes.derived())), strict=True):
+            found = found + np.tensordot(bar, value[..., 1:], bar.ndim)
         if origin is None:
             return found
         if not isinstance(origin, Plan):
@@ -536,13 +535,12 @@ def request_pull_back(
     eq: Equations,
     at: Array,
     pose_bar: Array,
-    law_bar: Law,
+    derived_bar: Derived,
 ) -> Float[Array, " changes"] | None:
     """Ask the host for `pull_back_design` in traced code; None where its arguments are too large for that."""
     count = len(origin.known) if isinstance(origin, Plan) else 0
-    par = tuple(getattr(parameters, name) for name in _GEOMETRY)
-    law = tuple(getattr(law_bar, name) for name in DERIVED)
-    given = (par, shorten_equations(eq), at, jnp.zeros(0) if origin is None else pose_bar, law)
+    par = tuple(getattr(parameters, name) for name in _PARAMETERS)
+    given = (par, shorten_equations(eq), at, jnp.zeros(0) if origin is None else pose_bar, derived_bar)
     if max(x.size for x in jax.tree.leaves(given)) > PIECE:
         return None
     leaves, structure = jax.tree.flatten(given)
@@ -555,10 +553,9 @@ def request_pull_back(
 
 
 def _answer(
-    spec: SimulationSpec, origin: Origin, par: PyTree, eq: Equations, at: np.ndarray, pose: np.ndarray, law: Any
+    spec: SimulationSpec, origin: Origin, par: PyTree, eq: Equations, at: np.ndarray, pose: np.ndarray, derived: Derived
 ) -> np.ndarray:
-    whole = Law(**dict.fromkeys(Law._fields, ()) | dict(zip(DERIVED, law, strict=True)))
-    return pull_back_design(spec, origin, Parameters(*par), eq, at, pose, whole).astype(at.dtype)
+    return pull_back_design(spec, origin, Parameters(*par), eq, at, pose, derived).astype(at.dtype)
 
 
 @functools.lru_cache(maxsize=256)
@@ -576,7 +573,7 @@ def join_parameters(parameters: Parameters, found: Numbers, own: PyTree) -> tupl
         The changes as parameters, and changes behind them.
     """
     parts, start = [], 0
-    for name in _GEOMETRY:
+    for name in _PARAMETERS:
         shape = np.shape(getattr(parameters, name))
         end = start + int(np.prod(shape, dtype=int))
         parts.append(found[start:end].reshape(shape))
@@ -591,16 +588,6 @@ _WHOLE = ("violation", "correction", "steps", "end")
 # -- stages -----------------------------------------------------------------------------------------------------------
 
 
-class StageMiss(NamedTuple):
-    """Misses of the scaled equations of a stage, ``M c + Jᵀ λ = f, J c = g``; or changes of them, the adjoint."""
-
-    forces: Array  # of the unknown coordinates (n,)
-    rows: Array  # (m,)
-    gap: Array  # the largest residual of the rows
-    slip: Array  # the largest of their rates
-    driven: Array  # changes of the driven coordinates (driven,)
-
-
 @record
 class ReplayedFlow:
     """A motion whose stages are solved already, and only get their derivatives: the implicit function theorem.
@@ -611,7 +598,7 @@ class ReplayedFlow:
     """
 
     flow: Flow  # the motion, with its matrices prepared
-    law: Law  # its numbers, by which it is differentiated
+    moved: Flow  # the same motion, by whose numbers it is differentiated
 
     @property
     def redundant(self) -> bool:
@@ -620,15 +607,15 @@ class ReplayedFlow:
 
     def impose(self, t: Array, q: Array, v: Array) -> tuple[Array, Array]:
         """Put the state where the drives have it, as `Flow.impose`."""
-        return dataclasses.replace(self.flow, drive_args=self.law.drive_args).impose(t, q, v)
+        return self.moved.impose(t, q, v)
 
     def solve_stage(self, stage: Array, t: Array, q: Array, v: Array, known: StageSolution) -> StageSolution:
         """Return a solution of `Flow.solve_stage` that was found before, with its derivatives."""
-        return _replay(self.flow, self.law, stage, t, q, v, known)
+        return _replay(self.flow, self.moved, stage, t, q, v, known)
 
 
 @jax.custom_vjp
-def _replay(flow: Flow, law: Law, stage: Array, t: Array, q: Array, v: Array, known: StageSolution) -> StageSolution:
+def _replay(flow: Flow, moved: Flow, stage: Array, t: Array, q: Array, v: Array, known: StageSolution) -> StageSolution:
     return known
 
 
@@ -637,24 +624,29 @@ def _replay_forward(*args: PyTree) -> tuple[StageSolution, tuple]:
 
 
 def _replay_back(args: tuple, change: StageSolution) -> tuple:
-    flow, law, stage, t, q, v, known = args
+    flow, moved, stage, t, q, v, known = args
     u, driven, (weight, size, inner) = flow.view.unknown, flow.view.known, flow.scale()
     # One refinement does: after a thousand steps a gradient is as good as with three, to 1e-13.
     solve = saddle(inner, flow.stage_equations(stage, t, q, v)[0], flow.redundant, 1)
     a, b = solve(change.change[u] / weight, change.multipliers * size)
-    _, pull = jax.vjp(lambda *x: _miss(flow, stage, known, *x), law, t, q, v)
-    of_law, *of_state = pull(StageMiss(a, b, change.gap, change.slip, change.change[driven]))
-    return None, of_law, None, *of_state, None
+    _, pull = jax.vjp(lambda *x: _miss(flow, stage, known, *x), moved, t, q, v)
+    of_motion, *of_state = pull((a, b, change.gap, change.slip, change.change[driven]))
+    return None, of_motion, None, *of_state, None
 
 
-def _miss(flow: Flow, stage: Array, known: StageSolution, law: Law, t: Array, q: Array, v: Array) -> StageMiss:
-    """Return what the equations of a stage are off by where its solution is `known`."""
+def _miss(flow: Flow, stage: Array, known: StageSolution, moved: Flow, t: Array, q: Array, v: Array) -> tuple:
+    """Return what the scaled equations of a stage, ``M c + Jᵀ λ = f, J c = g``, miss where their solution is `known`.
+
+    Returns:
+        Misses of the unknown coordinates ``(n,)`` and of the rows ``(m,)``; the rows' largest residual, and that of
+        their rates; and what the driven coordinates change by ``(driven,)``.
+    """
     u, driven, (weight, size, _) = flow.view.unknown, flow.view.known, flow.scale()
-    j, f, g, base, rows = law.put(flow).stage_equations(stage, t, q, v)
+    j, f, g, base, rows = dataclasses.replace(moved, ready=flow.ready).stage_equations(stage, t, q, v)
     # What is driven stands in the right-hand sides.
-    pushed = (law.mass @ known.change.at[driven].set(0.0))[u] / (weight * size) + j.T @ (known.multipliers / size)
+    pushed = (moved.dyn.mass @ known.change.at[driven].set(0.0))[u] / (weight * size) + j.T @ (known.multipliers / size)
     off = g - j @ (weight * known.change[u])
-    return StageMiss(f - pushed, off, _peak(rows.values), _peak(rows.slip), base[driven])
+    return f - pushed, off, _peak(rows.values), _peak(rows.slip), base[driven]
 
 
 def _peak(r: Array) -> Array:
@@ -877,7 +869,7 @@ def _pull_back_known(question: _Question, numbers: RunNumbers, smooth: PyTree, o
     flow = _flow(spec, numbers)
     bars = jax.tree.map(np.asarray, _pull_back_run(spec, flow, numbers, list(smooth), list(other), list(change)))
     origin = _origin(spec, numbers.state)
-    found = pull_back_design(spec, origin, numbers.parameters, flow.dyn.eq, at, bars[1], bars[0])
+    found = pull_back_design(spec, origin, numbers.parameters, flow.dyn.eq, at, bars[1], derived_numbers(bars[0]))
     numbers = jax.tree.map(np.asarray, numbers._replace(control=None))
     return on_device(_collect_bars(question, numbers, found, bars, isinstance(origin, Plan)))
 
@@ -897,7 +889,7 @@ def _pull_back_beginning(question: _Question, x: list, rest: list, at: Array, ba
         else:
             system, top = spec.system(numbers.parameters), spec.topology
             pose = lift(top, attach_drawing(system, lower(top, pose), state))
-        return _parts(flow), pose, numbers.rates, numbers.t, _real(numbers.event)
+        return flow, pose, numbers.rates, numbers.t, _real(numbers.event)
 
     return jax.vjp(beginning, x)[1](bars)[0]
 
@@ -910,7 +902,8 @@ def _requested_pull_back(question: _Question) -> Callable[[list, list, Equations
     def request(x, rest, eq, at, bars):
         numbers = question.numbers(x, rest)
         origin = _origin(question.spec, numbers.state)
-        found = request_pull_back(question.spec, origin, numbers.parameters, eq, at, bars[1], bars[0])
+        derived = derived_numbers(bars[0])
+        found = request_pull_back(question.spec, origin, numbers.parameters, eq, at, bars[1], derived)
         if found is None:
             return _pull_back_beginning(question, x, rest, at, bars)
         return _collect_bars(question, numbers, found, bars, isinstance(origin, Plan))
@@ -935,15 +928,15 @@ def _collect_bars(question: _Question, numbers: RunNumbers, found: Numbers, bars
 
     `found` are those of the design and, `by_known`, of known coordinates; `bars` as of `_pull_back_run`.
     """
-    law_bar, pose_bar, rates_bar, t_bar, event_bar = bars
+    flow_bar, pose_bar, rates_bar, t_bar, event_bar = bars
     state = numbers.state
-    of_design, of_known = join_parameters(numbers.parameters, found, law_bar.own)
+    of_design, of_known = join_parameters(numbers.parameters, found, flow_bar.dyn.own)
     if _is_drawn(state):
         pose_bar = jax.tree.map(lambda a: 0.0 * a, state)
         if by_known:
             pose_bar = dict(zip(state, of_known, strict=True))
     event = _with_real(numbers.event, event_bar)
-    made = RunNumbers(of_design, pose_bar, rates_bar, t_bar, event, law_bar.drive_args, None)
+    made = RunNumbers(of_design, pose_bar, rates_bar, t_bar, event, flow_bar.drive_args, None)
     whole = jax.tree.leaves(made), jax.tree.leaves(numbers._replace(control=None)), question.smooth
     return [a.astype(jnp.result_type(b)) for a, b, real in zip(*whole, strict=False) if real]
 
@@ -961,7 +954,7 @@ def _origin(spec: SimulationSpec, state: Any) -> Origin:
 @functools.partial(jit, static_argnums=0)
 def _pull_back_run(
     spec: SimulationSpec, flow: Flow, numbers: RunNumbers, smooth: PyTree, other: Any, change: Any
-) -> tuple[Flow | Law, Array, Array | None, Array, list]:
+) -> tuple[Flow, Array, Array | None, Array, list]:
     """Pull a change of a run back to its motion, start, rates, times, and the event's real numbers.
 
     `smooth` are the arrays of the run that are differentiated, `other` the rest. The change of the start is that of the
@@ -971,52 +964,40 @@ def _pull_back_run(
     drawn, rates, t, parameters = _is_drawn(numbers.state), numbers.rates, numbers.t, numbers.event
     pose = at if drawn else numbers.state
     fields_bar, top = jax.tree.unflatten(_SMOOTH, change[: _SMOOTH.num_leaves]), spec.topology
-    moved = _parts(flow), pose, rates, t, _real(parameters)
+    moved = flow, pose, rates, t, _real(parameters)
 
     def begin(now, pose, rates, t):
         find_rates = functools.partial(_named_rates, settled=not drawn or bool(spec.drives))
         return _start(spec, now, pose if drawn else lift(top, pose), rates, t, find_rates)
 
-    def whole(parts, pose, rates, t, event):
-        now = _with_parts(flow, parts)
+    def whole(now, pose, rates, t, event):
         start = begin(now, pose, rates, t)
         return _leaves(run_equal(top, choose_form(now, spec), spec.method, t, start, spec.steps))[0]
 
     if history is None or history_bar is None:
         return jax.vjp(whole, *moved)[1](change)
 
-    def beginning(parts, pose, rates, t, event):
-        now = _with_parts(flow, parts)
+    def beginning(now, pose, rates, t, event):
         start = begin(now, pose, rates, t)
         return start._replace(places=None), start.state(now)
 
-    def ending(parts, start, t, event, states):
+    def ending(now, start, t, event, states):
         start, event = start._replace(places=spec.places), _with_real(parameters, event)
-        return summarise(top, _with_parts(flow, parts), t, start, history._replace(state=states), spec.event, event)[0]
+        return summarise(top, now, t, start, history._replace(state=states), spec.event, event)[0]
 
     (start, first), back = jax.vjp(beginning, *moved)
-    parts, event = moved[0], moved[4]
-    _, finish = jax.vjp(ending, parts, start, t, event, history.state)
-    parts_bar, start_bar, t_bar, event_bar, states_bar = finish(fields_bar)
+    event = moved[4]
+    _, finish = jax.vjp(ending, flow, start, t, event, history.state)
+    flow_bar, start_bar, t_bar, event_bar, states_bar = finish(fields_bar)
     states_bar = jax.tree.map(jnp.add, states_bar, history_bar.state)
     advance, again = _replayed_steps(flow, spec.method)
-    job = Integration(advance, spec.method, parts, numbers.control, t)
+    job = Integration(advance, spec.method, flow, numbers.control, t)
     known = None if history.trail is None else functools.partial(recall, flow, spec.method)
     more, first_bar, t_more = pull_back(job, again, first, history, states_bar, known)
     found = back((start_bar._replace(q=start_bar.q + at_bar), first_bar))
     still = jax.tree.map(jnp.zeros_like, moved[1:3])
-    return jax.tree.map(lambda *x: sum(x[1:], x[0]), found, (parts_bar, *still, t_bar, event_bar), (
+    return jax.tree.map(lambda *x: sum(x[1:], x[0]), found, (flow_bar, *still, t_bar, event_bar), (
         more, *still, t_more, jax.tree.map(jnp.zeros_like, event)))  # fmt: skip
-
-
-def _parts(flow: Flow) -> Flow | Law:
-    """Return the numbers that a motion is differentiated by."""
-    return flow if has_friction(flow.dyn) else Law.of(flow)
-
-
-def _with_parts(flow: Flow, parts: Flow | Law) -> Flow:
-    """Return a motion with these numbers."""
-    return parts.put(flow) if isinstance(parts, Law) else parts
 
 
 def _replayed_steps(flow: Flow, method: str) -> tuple[Callable, Callable]:
@@ -1024,17 +1005,17 @@ def _replayed_steps(flow: Flow, method: str) -> tuple[Callable, Callable]:
     ready = flow.prepare()
     if has_friction(flow.dyn) or METHODS[method].implicit:
 
-        def advance(parts, t, h, state):
-            return step(prepare_form(_with_parts(flow, parts))[1], method, True, t, h, state)[:2]
+        def advance(moved, t, h, state):
+            return step(moved.prepare(), method, True, t, h, state)[:2]
 
         return advance, lambda *x: advance(*x)[0]
 
-    def first(parts, t, h, state):
+    def first(moved, t, h, state):
         end, errors, phases = step(ready, method, True, t, h, state)
         return end, errors, phases.solution
 
-    def again(parts, t, h, state, solutions):
-        replayed: Any = ReplayedFlow(ready, Law.of(_with_parts(flow, parts)))
+    def again(moved, t, h, state, solutions):
+        replayed: Any = ReplayedFlow(ready, moved)
         return step(replayed, method, True, t, h, state, (solutions,))[0]
 
     return first, again

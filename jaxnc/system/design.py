@@ -229,49 +229,18 @@ def redraw(recipe: tuple, home: Float[Array, "k dim"], values: Float[Array, " d"
 
     Constants of constraints are then read off the redrawn body exactly as they are read off the drawing.
     """
-    return (_redraw_in_plane if home.shape[1] == 2 else _redraw_in_space)(recipe, home, values)
-
-
-def _redraw_in_space(recipe: tuple, home: Float[Array, "k 3"], values: Float[Array, " d"]) -> Float[Array, "k 3"]:
     (i, j, given), steps = recipe
-    axis = home[j] - home[i]
-    stretch = 1.0 if given is None else values[given] * ratio(1.0, norm(axis))
-    placed: dict[int, Array] = {i: home[i], j: home[i] + stretch * axis}
-    for k, how, *data in steps:
-        if how == "drawn":
-            placed[k] = home[k]
-        elif how == "polar":
-            origin, d = data
-            w = home[k] - home[origin]
-            placed[k] = placed[origin] + values[d] * ratio(1.0, norm(w)) * w
-        else:
-            a, d, b, f = data
-            placed[k] = _two_spheres(placed[a], values[d], placed[b], values[f], home[k] - home[a])
-    return stacked([placed[k] for k in range(home.shape[0])])
-
-
-def _two_spheres(a, ra, b, rb, drawn):
-    """The point at two distances that lies on the drawn side of the line of centres."""
-    d = b - a
-    span = dot(d, d)
-    along = ratio(span + ra * ra - rb * rb, 2.0 * span)
-    square = ra * ra - along * along * span
-    height = root(square)
-    across = drawn - ratio(dot(drawn, d), span) * d
-    return a + along * d + height * ratio(1.0, norm(across)) * across
-
-
-def _redraw_in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Array, " d"]) -> Float[Array, "k 2"]:
-    """Place a body's points in its own frame by a recipe, the base segment along x from the origin."""
-    (i, j, given), steps = recipe
-    axis = home[j] - home[i]
+    axis, flat = home[j] - home[i], home.shape[1] == 2
     length = norm(axis)
-    e = stacked([ratio(axis[0], length), ratio(axis[1], length)])
-    drawn = [stacked([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
-    placed: dict[int, Array] = {
-        i: 0.0 * axis,
-        j: stacked([length if given is None else values[given], 0.0]),
-    }
+    drawn: Sequence[Array] | Array
+    placed: dict[int, Array]
+    if flat:
+        e = _divided(axis, length)
+        drawn = [stacked([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
+        placed = {i: 0.0 * axis, j: stacked([length if given is None else values[given], 0.0])}
+    else:
+        stretch = 1.0 if given is None else values[given] * ratio(1.0, length)
+        drawn, placed = home, {i: home[i], j: home[i] + stretch * axis}
     for k, how, *data in steps:
         if how == "drawn":
             placed[k] = drawn[k]
@@ -280,24 +249,35 @@ def _redraw_in_plane(recipe: tuple, home: Float[Array, "k 2"], values: Float[Arr
         elif how == "polar":
             origin, d = data
             w = drawn[k] - drawn[origin]
-            n = norm(w)
-            placed[k] = placed[origin] + values[d] * stacked([ratio(w[0], n), ratio(w[1], n)])
+            placed[k] = placed[origin] + values[d] * _divided(w, norm(w))
         else:
             a, d, b, f = data
-            placed[k] = _two_distances(
-                placed[a], values[d], placed[b], values[f], cross(drawn[b] - drawn[a], drawn[k] - drawn[a])
-            )
+            ends = drawn[b] - drawn[a], drawn[k] - drawn[a]
+            placed[k] = (_two_distances if flat else _two_spheres)(placed[a], values[d], placed[b], values[f], *ends)
     return stacked([placed[k] for k in range(home.shape[0])])
 
 
-def _two_distances(a, ra, b, rb, side):
-    """Intersection of two circles on the drawn side; on the line of centres if they do not meet."""
+def _divided(w, length):
+    return stacked([ratio(w[k], length) for k in range(w.shape[0])])
+
+
+def _two_spheres(a, ra, b, rb, base, drawn):
+    """The point at two distances that lies on the drawn side of the line of centres."""
     d = b - a
     span = dot(d, d)
     along = ratio(span + ra * ra - rb * rb, 2.0 * span)
-    square = ratio(ra * ra, span) - along * along
-    height = root(square)
-    height = where(side < 0, -height, height)
+    height = root(ra * ra - along * along * span)
+    across = drawn - ratio(dot(drawn, d), span) * d
+    return a + along * d + height * ratio(1.0, norm(across)) * across
+
+
+def _two_distances(a, ra, b, rb, base, drawn):
+    """Intersection of two circles on the drawn side of a base; on the line of centres if they do not meet."""
+    d = b - a
+    span = dot(d, d)
+    along = ratio(span + ra * ra - rb * rb, 2.0 * span)
+    height = root(ratio(ra * ra, span) - along * along)
+    height = where(cross(base, drawn) < 0, -height, height)
     return a + along * d + height * stacked([-d[1], d[0]])
 
 

@@ -25,7 +25,7 @@ from jaxnc.reading import Builder, partials
 from jaxnc.records import record, static
 from jaxnc.system.design import GEOMETRY, carry_design, design, design_numbers, find_traced, with_unit_changes
 from jaxnc.system.precision import numbers
-from jaxnc.system.structure import Formula, pattern, program, quadratic, size
+from jaxnc.system.structure import Formula, operands, pattern, program, quadratic, size
 from jaxnc.system.system import Parameters, System, characteristic_length
 from jaxnc.system.topology import Block, BlockLayout, Topology
 from jaxnc.types import AnyArray, Array, Coordinates, Float, Inputs, Numbers
@@ -198,7 +198,7 @@ def measured(top: Topology, constants: Sequence[Array], q: Coordinates) -> Float
     for b in sorted({block for block, _ in top.measures}):
         at = [(k, i) for k, (block, i) in enumerate(top.measures) if block == b]
         which, instances = np.array([k for k, _ in at]), np.array([i for _, i in at])
-        p, v, _ = _split_operands(top, top.blocks[b], q[top.layout[b].variables[instances]])
+        p, v, _ = operands(top.blocks[b].kind, top.dim, q[top.layout[b].variables[instances]])
         measure = top.blocks[b].kind.measure
         assert measure is not None
         scalars = scalars.at[which].set(jax.vmap(measure)(p, v, constants[b][instances]))
@@ -244,16 +244,9 @@ def _bar_length(top: Topology, drawing: Numbers) -> Numbers:
     return xp.where(middle > 0, middle, 1.0)
 
 
-def _split_operands(top: Topology, block: Block, x: Array) -> tuple[Array, Array, Array]:
-    kind, dim = block.kind, top.dim
-    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    lead = x.shape[:-1]
-    return x[..., :a].reshape(*lead, kind.points, dim), x[..., a:b].reshape(*lead, kind.vectors, dim), x[..., b:]
-
-
 def _instance_rows(top: Topology, block: Block, x: Array, c: Array) -> Array:
     """Unscaled rows of one instance from its local variables."""
-    p, v, s = _split_operands(top, block, x)
+    p, v, s = operands(block.kind, top.dim, x)
     rows = block.kind.residual(p, v, s, c)
     return jnp.stack([jnp.asarray(r) for r in rows]) if len(rows) else jnp.zeros(0)
 
@@ -356,7 +349,7 @@ def guards(eq: Equations, q: Coordinates) -> tuple[Float[Array, " guards"], Floa
         if guard is not None:
 
             def values(x, c, block=block, guard=guard):
-                p, v, s = _split_operands(top, block, x)
+                p, v, s = operands(block.kind, top.dim, x)
                 return jnp.stack([jnp.asarray(g) for g in guard(p, v, s, c)])
 
             found = jax.vmap(values)(q[top.layout[b].variables], eq.constants[b])
@@ -426,7 +419,7 @@ def _velocity_rows(top: Topology, block: Block, x: Array, dx: Array, c: Array) -
     what = f"kind {kind.name!r}: rate="
 
     def one(x, dx, c):
-        parts = (*_split_operands(top, block, x), *_split_operands(top, block, dx))
+        parts = (*operands(kind, top.dim, x), *operands(kind, top.dim, dx))
         rows = call_user(kind.rate, what, "p, v, s, dp, dv, ds, c", *parts, c)
         found = as_scalars(rows, what, len(kind.rows))
         return jnp.stack([jnp.asarray(r, float) for r in found])

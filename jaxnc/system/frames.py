@@ -5,7 +5,6 @@ one after the other, and the direction across both. A bar in space has one segme
 """
 
 import functools
-import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -20,8 +19,9 @@ from jaxnc.reading import Program, trace
 from jaxnc.records import with_owner
 from jaxnc.system.on_lanes import attach_along, on_host, on_lanes
 from jaxnc.system.precision import WIDE, numbers
+from jaxnc.system.structure import along_curve
 from jaxnc.system.topology import MarkerIndex, Segment, Topology
-from jaxnc.types import Array, Float, Numbers
+from jaxnc.types import AnyArray, Array, Float, Numbers
 
 if TYPE_CHECKING:
     from jaxnc.system.equations import Equations
@@ -35,7 +35,8 @@ def spread(top: Topology, q: Array) -> tuple[Array, Array]:
     return q[..., :a].reshape(*lead, points, top.dim), q[..., a:b].reshape(*lead, vectors, top.dim)
 
 
-def _span(segment: Segment, points: Array, vectors: Array) -> Array:
+def span(segment: Segment, points: AnyArray, vectors: AnyArray) -> AnyArray:
+    """The direction of a segment, of points and vectors."""
     if len(segment) == 1:
         return vectors[~segment[0]]
     return points[segment[1]] - points[segment[0]]
@@ -43,7 +44,7 @@ def _span(segment: Segment, points: Array, vectors: Array) -> Array:
 
 def body_axes(segments: tuple[Segment, ...], points: Array, vectors: Array) -> Array:
     """Orthonormal axes of a body as rows: ``(dim, dim)``, or ``(1, dim)`` for a bar in space."""
-    return orthonormal_axes([_span(s, points, vectors) for s in segments])
+    return orthonormal_axes([span(s, points, vectors) for s in segments])
 
 
 def orthonormal_axes(spans: Sequence[Array] | Array) -> Array:
@@ -73,7 +74,7 @@ def carried(spans: Sequence[Array], w: Array, drawn: Array, direction: bool) -> 
 
 def _in_plane(marker: MarkerIndex, coefficients: Array, points: Any, vectors: Any) -> Array:
     """Place (direction) of a marker from points ``(points, 2)``, which may be `Small` and have lanes of numbers."""
-    d, origin = _span(marker.segments[0], points, vectors), points[marker.origin]
+    d, origin = span(marker.segments[0], points, vectors), points[marker.origin]
     (a, b), x, y = coefficients, d[0], d[1]
     return jnp.stack([origin[0] + a * x - b * y, origin[1] + a * y + b * x], axis=-1)
 
@@ -127,20 +128,7 @@ def marker_in_lanes(eq: "Equations", number: int, q: Sequence[Array]) -> Float[A
 
 def along(f, q: Array, rates: tuple[Array, ...]) -> Array:
     """The k-th time derivative of a function of one pose, along poses with their first k time derivatives."""
-
-    def one(x: Array, *terms: Array) -> Array:
-        def curve(t):
-            return f(x + sum(t**k / math.factorial(k) * term for k, term in enumerate(terms, start=1)))
-
-        for _ in terms:
-            curve = _time_derivative(curve)
-        return curve(jnp.zeros(()))
-
-    return over(one, q, *rates)
-
-
-def _time_derivative(f):
-    return lambda t: jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
+    return over(lambda x, *terms: along_curve(f, x, terms), q, *rates)
 
 
 def _along_poses(f, fixed: tuple, q: Array | np.ndarray, rates: tuple[Array, ...], *constants: Array) -> Any:

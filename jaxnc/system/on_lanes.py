@@ -1,6 +1,7 @@
 """Functions of one pose on lanes: read once from their JAX statement, evaluated by NumPy with nothing compiled."""
 
 import functools
+import itertools
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
@@ -149,28 +150,23 @@ def columns_on_lanes(
     Poses are in parts ``(..., k)``, one behind the other, and so are their rates.
     """
     lead, traced = q[0].shape[:-1], not isinstance(q[0], np.ndarray)
-    given: list[Any] = [jnp.asarray(c) if traced else np.asarray(c) for c in constants]
+    array: Any = jnp.asarray if traced else np.asarray
+    given = list(map(array, constants))
     shapes = ((sum(part.shape[-1] for part in q),), *(c.shape for c in given))
     found = _time_derivative(f, fixed, shapes, len(rates))
     if traced:
         return _columns_in_jax(found.traced, tuple(q), tuple(map(tuple, rates)), tuple(given))
-    x = _list_numbers(q, given, rates)
+    x = _list_numbers(q, given, [list(map(array, term)) for term in rates])
     with np.errstate(all="ignore"):
         return [np.broadcast_to(value, lead).astype(q[0].dtype, copy=False) for value in found.on_lanes(x)]
 
 
 def _list_numbers(q: Sequence[Any], constants: Sequence[Any], rates: Sequence[Sequence[Any]]) -> list[Any]:
-    x = [column for part in q for column in np.moveaxis(part, -1, 0)]
-    x += [number for c in constants for number in c.reshape(-1)]
-    return x + [column for term in rates for part in term for column in np.moveaxis(np.asarray(part), -1, 0)]
+    parts = [*q, *(c.reshape(-1) for c in constants), *itertools.chain(*rates)]
+    return [part[..., k] for part in parts for k in range(part.shape[-1])]
 
 
 @functools.partial(jit, static_argnums=0)
 def _columns_in_jax(run: Callable, q: tuple, rates: tuple, constants: tuple) -> list[Numbers]:
-    def columns(part: Array) -> list[Array]:
-        return [part[..., k] for k in range(part.shape[-1])]
-
-    x = [column for part in q for column in columns(part)]
-    x += [number for c in constants for number in columns(c.reshape(-1))]
-    x += [column for term in rates for part in term for column in columns(part)]
-    return [jnp.broadcast_to(jnp.asarray(value, q[0].dtype), q[0].shape[:-1]) for value in run(x)]
+    values = run(_list_numbers(q, constants, rates))
+    return [jnp.broadcast_to(jnp.asarray(value, q[0].dtype), q[0].shape[:-1]) for value in values]

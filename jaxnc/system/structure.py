@@ -6,6 +6,7 @@ read.
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,9 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxnc.compiling import blame_callback
-from jaxnc.constraints import Kind
+from jaxnc.constraints import Kind, RateKind
 from jaxnc.constraints.elementary import Small
 from jaxnc.errors import InputError
+from jaxnc.forces import ForceKind
 from jaxnc.reading import (
     Builder,
     Node,
@@ -45,7 +47,7 @@ Indices = tuple[tuple[int, ...], ...]
 _NOT_PLAIN = (TypeError, AttributeError, ValueError, IndexError, NotImplementedError)
 
 
-def size(kind: Kind, dim: int) -> int:
+def size(kind: Kind | RateKind | ForceKind, dim: int) -> int:
     """Number of variables of one instance: components of points and vectors, then scalars."""
     return (kind.points + kind.vectors) * dim + kind.scalars
 
@@ -135,9 +137,14 @@ def _as_small(kind: Kind, dim: int, x: Sequence[Scalar]) -> tuple[Small, Small, 
 
 def arrays(kind: Kind, dim: int, x: Array) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Points, vectors, scalars and constants from an array of variables and constants."""
-    a, b = kind.points * dim, (kind.points + kind.vectors) * dim
-    p, v = x[:a].reshape(kind.points, dim), x[a:b].reshape(kind.vectors, dim)
-    return p, v, x[b : b + kind.scalars], x[b + kind.scalars :]
+    p, v, rest = operands(kind, dim, x)
+    return p, v, rest[: kind.scalars], rest[kind.scalars :]
+
+
+def operands(kind: Kind | RateKind | ForceKind, dim: int, x: Array) -> tuple[Array, Array, Array]:
+    """Points, vectors and scalars of instances of a kind from their variables ``(..., variables)``."""
+    a, b, lead = kind.points * dim, (kind.points + kind.vectors) * dim, x.shape[:-1]
+    return x[..., :a].reshape(*lead, kind.points, dim), x[..., a:b].reshape(*lead, kind.vectors, dim), x[..., b:]
 
 
 @functools.lru_cache(maxsize=1024)
@@ -320,19 +327,25 @@ def jax_function(kind: Kind, which: str, dim: int, order: int = 0) -> Callable:
 
     def along(x: Array) -> Array:
         whole, parts = x[: count + len(kind.constants)], x[count + len(kind.constants) :].reshape(order, count)
-
-        def curve(t: Array) -> Array:
-            factor, y = 1.0, whole
-            for k in range(order):
-                factor = factor * t / (k + 1)
-                y = y.at[:count].add(factor * parts[k])
-            return one(y)
-
-        for _ in range(order):
-            curve = functools.partial(lambda t, g: jax.jvp(g, (t,), (jnp.ones_like(t),))[1], g=curve)
-        return curve(jnp.zeros((), x.dtype))
+        return along_curve(one, whole, [jnp.zeros_like(whole).at[:count].set(part) for part in parts])
 
     return along if order else one
+
+
+def along_curve(f: Callable, x: Array, terms: Sequence[Array]) -> Array:
+    """The k-th time derivative of a function along a curve through x, whose first k time derivatives are `terms`."""
+
+    def curve(t: Array) -> Array:
+        return f(x + sum(t**k / math.factorial(k) * term for k, term in enumerate(terms, start=1)))
+
+    for _ in terms:
+        curve = functools.partial(time_rate, curve)
+    return curve(jnp.zeros((), x.dtype))
+
+
+def time_rate(f: Callable, t: Array) -> Array:
+    """The derivative of a function of one number."""
+    return jax.jvp(f, (t,), (jnp.ones_like(t),))[1]
 
 
 def by_jax(f: Callable, kind: Kind) -> Function:

@@ -11,9 +11,9 @@ import pytest
 import jaxnc as nc
 from jaxnc.dynamics import runs
 from jaxnc.dynamics.extended import extended, lift
-from jaxnc.dynamics.flow import Flow, Law
+from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import dynamics
-from jaxnc.dynamics.runs import DERIVED, DesignChanges, ReplayedFlow, host_differentiates
+from jaxnc.dynamics.runs import DesignChanges, ReplayedFlow, derived_numbers, host_differentiates
 from jaxnc.dynamics.start import assemble_pose
 
 T = np.linspace(0.0, 0.2, 4)
@@ -76,20 +76,15 @@ def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
     def numbers(par):
         changed = nc.System(system.topology, par, system.degrees_of_freedom, system.independent)
         flow = Flow.of(dynamics(extended(changed)), system.degrees_of_freedom)
-        return Law.of(flow), lift(system.topology, assemble_pose(changed, None))
+        return derived_numbers(flow), lift(system.topology, assemble_pose(changed, None))
 
-    law, pose = jax.jit(jax.jacfwd(numbers))(system.parameters)
-    mine = carried.law()
+    derived, pose = jax.jit(jax.jacfwd(numbers))(system.parameters)
     is_leaf = lambda x: isinstance(x, type(system.parameters))  # noqa: E731
     seen = 0
-    for name in DERIVED:
-        pairs = zip(
-            jax.tree.leaves(getattr(mine, name)), jax.tree.leaves(getattr(law, name), is_leaf=is_leaf), strict=True
-        )
-        for a, b in pairs:
-            wanted = components(b, a.ndim - 1)
-            assert np.allclose(a[..., 1:], wanted, rtol=1e-12, atol=1e-12 * max(np.abs(wanted).max(initial=0), 1)), name
-            seen += int(np.abs(wanted).max(initial=0.0) > 0)
+    for a, b in zip(jax.tree.leaves(carried.derived()), jax.tree.leaves(derived, is_leaf=is_leaf), strict=True):
+        wanted = components(b, a.ndim - 1)
+        assert np.allclose(a[..., 1:], wanted, rtol=1e-12, atol=1e-12 * max(np.abs(wanted).max(initial=0), 1))
+        seen += int(np.abs(wanted).max(initial=0.0) > 0)
     assert seen >= 4
     assert np.allclose(carried.start(q, ()), components(pose, 1), atol=1e-11)
 
@@ -137,10 +132,10 @@ def answering():
     t = jnp.asarray(0.1)
 
     @jax.jit
-    def pulled(what, law, q, v, found, bar):
-        _, solved = jax.vjp(lambda law, q, v: law.put(flow).solve_stage(what, t, q, v), law, q, v)
+    def pulled(what, q, v, found, bar):
+        _, solved = jax.vjp(lambda moved, q, v: moved.solve_stage(what, t, q, v), flow, q, v)
         _, recalled = jax.vjp(
-            lambda law, q, v: ReplayedFlow(flow.prepare(), law).solve_stage(what, t, q, v, found), law, q, v
+            lambda moved, q, v: ReplayedFlow(flow.prepare(), moved).solve_stage(what, t, q, v, found), flow, q, v
         )
         return solved(bar), recalled(bar)
 
@@ -158,17 +153,15 @@ def test_an_answer_is_pulled_back_by_its_lagrangian(what):
     found = answer(what, q, v)
     bar = jax.tree.map(lambda x: np.asarray(draw.normal(size=x.shape)), found)
     bar.change[flow.view.fixed] = 0.0
-    wanted, mine = pulled(what, Law.of(flow), q, v, found, bar)
+    wanted, mine = pulled(what, q, v, found, bar)
     free = jnp.asarray(~np.array(flow.dyn.topology.fixed))  # the ground is at rest, whatever it would mean if it moved
     for a, b in ((wanted[1], mine[1]), (wanted[2] * free, mine[2] * free)):
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * max(float(jnp.max(jnp.abs(a))), 1.0))
     # Of the numbers of the motion by what they change with the design: some coefficients are zero in every one.
-    change = DesignChanges(swing(), flow.dyn.eq).law()
-    for name in DERIVED:
-        leaves = (jax.tree.leaves(getattr(x, name)) for x in (wanted[0], mine[0], change))
-        for a, b, by in zip(*leaves, strict=True):
-            first, second = (np.tensordot(x, by[..., 1:], x.ndim) for x in (a, b))
-            assert np.allclose(first, second, rtol=1e-9, atol=1e-9 * max(np.abs(first).max(), 1.0)), name
+    found = derived_numbers(wanted[0]), derived_numbers(mine[0]), DesignChanges(swing(), flow.dyn.eq).derived()
+    for a, b, by in zip(*map(jax.tree.leaves, found), strict=True):
+        first, second = (np.tensordot(x, by[..., 1:], x.ndim) for x in (a, b))
+        assert np.allclose(first, second, rtol=1e-9, atol=1e-9 * max(np.abs(first).max(), 1.0))
 
 
 def test_known_and_traced_derivatives_agree_with_differences():
