@@ -118,7 +118,6 @@ def extremes_of(
     """
     found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
     lost = np.isin(np.asarray(motion.status), (0, Status.SINGULAR), invert=True)  # a motion goes on past change points
-    ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
     for _ in range(6):
         vertices = [v for q in found for largest in (False, True) for v in _vertices_of(q, way, largest)]
         between = np.unique(
@@ -134,10 +133,11 @@ def extremes_of(
         order = np.argsort(np.append(at, between), kind="stable")
         at, way = np.append(at, between)[order], np.append(way, beyond)[order]
         found = [_add_poses(q, new, order) for q, new in zip(found, read(more), strict=True)]
-    if len(at) > len(motion.status):  # of the values of poses
-        ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
+    added = len(at) > len(motion.status)  # then extreme values are those of poses
+    ends = [[extreme_of(q, None if added else way, largest) for largest in (False, True)] for q in found]
+    if added:
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
-    steady = len(at) > len(motion.status) and _runs_steadily(motion)
+    steady = added and _runs_steadily(motion)
     for q, pair in zip(found, ends, strict=True):  # a rate may jump where it is not driven steadily
         zero = _way_through_zero(q, at, lost) if steady or not q.rate else None
         pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
@@ -240,8 +240,9 @@ def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> ExtremeV
     """
     height = _height(q, largest)
     k = int(np.nanargmax(height))
-    inside = along is not None and not constant(q.values) and 0 < k < len(height) - 1
-    found = (_vertex(height, along, k) if inside else None) or ExtremeValue(float(height[k]), k, False)
+    found = ExtremeValue(float(height[k]), k, False)
+    if along is not None and not constant(q.values) and 0 < k < len(height) - 1:
+        found = _vertex(height, along, k) or found
     value = found.value if largest else -found.value
     return replace(found, value=value if q.parts is None else max(value, 0.0) ** 0.5)
 
