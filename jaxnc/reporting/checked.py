@@ -338,15 +338,15 @@ def forces(motion: Motion) -> Forces | None:
     found = inverse_dynamics(motion.system, motion)
     top = motion.system.topology
 
-    def known(label: str, kind: str, values: Numbers) -> Quantity:
+    def make(label: str, kind: str, values: Numbers) -> Quantity:
         values = np.where(good, np.asarray(values), np.nan)
         return Quantity(label, top.load_unit(kind), values, float(np.nanmax(np.abs(values))))
 
     columns = zip((*motion.driven, *motion.held), np.asarray(found.efforts).T, strict=True)
     efforts = tuple(
-        known(f"effort {name}", "moment" if top.is_angle(name) else "force", values) for name, values in columns
+        make(f"effort {name}", "moment" if top.is_angle(name) else "force", values) for name, values in columns
     )
-    power = known("power", "power", found.power) if efforts and not resting else None
+    power = make("power", "power", found.power) if efforts and not resting else None
     peaks = sorted(_peaks(found.reactions.all(), good), key=lambda p: -p.force)
     return Forces(motion, resting, efforts, power, tuple(peaks[:24]))  # peaks of forces that are listed
 

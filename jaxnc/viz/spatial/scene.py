@@ -248,7 +248,9 @@ class Painter:
             self.parts += mesh.parts
 
         def add_lines(pairs: list[tuple[int, int]], look: int, first: int) -> None:
-            add(Polygons((Plain((), strokes=tuple(pairs), apart=True),)), look, True, first)
+            edges.extend((a + first, b + first, -1, -1, True) for a, b in pairs)
+            edge_rows.extend((self.parts + k, look) for k in range(len(pairs)))
+            self.parts += len(pairs)
 
         for plate in self.plates:
             add(Polygons(tuple(Plain((), (face,)) for face in plate.faces)), look_of(plate.role, plate.body), True, 0)
