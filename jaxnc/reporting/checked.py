@@ -27,6 +27,7 @@ from jaxnc.status import Status
 from jaxnc.system.identity import Thing
 from jaxnc.system.system import System, characteristic_length, drivable
 from jaxnc.system.topology import Topology
+from jaxnc.types import Numbers
 
 ZERO = 1e-9
 """Of the largest number of its kind: what is smaller is rounding, and is shown as zero."""
@@ -117,7 +118,6 @@ def extremes_of(
     """
     found, at, way = read(motion), np.arange(float(len(motion.status))), course(motion)
     lost = np.isin(np.asarray(motion.status), (0, Status.SINGULAR), invert=True)  # a motion goes on past change points
-    ends = [[extreme_of(q, way, largest) for largest in (False, True)] for q in found]
     for _ in range(6):
         vertices = [v for q in found for largest in (False, True) for v in _vertices_of(q, way, largest)]
         between = np.unique(
@@ -133,10 +133,11 @@ def extremes_of(
         order = np.argsort(np.append(at, between), kind="stable")
         at, way = np.append(at, between)[order], np.append(way, beyond)[order]
         found = [_add_poses(q, new, order) for q, new in zip(found, read(more), strict=True)]
-    if len(at) > len(motion.status):  # of the values of poses
-        ends = [[extreme_of(q, None, largest) for largest in (False, True)] for q in found]
+    added = len(at) > len(motion.status)  # then extreme values are those of poses
+    ends = [[extreme_of(q, None if added else way, largest) for largest in (False, True)] for q in found]
+    if added:
         ends = [[replace(e, at=float(at[int(e.at)]), refined=at[int(e.at)] % 1 > 0) for e in pair] for pair in ends]
-    steady = len(at) > len(motion.status) and _runs_steadily(motion)
+    steady = added and _runs_steadily(motion)
     for q, pair in zip(found, ends, strict=True):  # a rate may jump where it is not driven steadily
         zero = _way_through_zero(q, at, lost) if steady or not q.rate else None
         pair[0] = pair[0] if zero is None else ExtremeValue(0.0, zero, True)
@@ -215,53 +216,53 @@ def _vertices_of(q: Quantity, along: np.ndarray | None, largest: bool) -> list[f
     """
     if along is None or len(along) < 3 or constant(q.values):
         return []
-    height = (1.0 if largest else -1.0) * (q.values if q.parts is None else q.values**2)
+    height = _height(q, largest)
     y = np.where(np.isfinite(height), height, -np.inf)
     tops = 1 + np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] >= y[2:]))
     out, tops = [], tops[np.argsort(-y[tops], kind="stable")][:16]  # of rounding alone there are many
     for k in {1, len(y) - 2, *tops.tolist()}:
-        found = _vertex(height, along, k, True)
+        found = _vertex(height, along, k)
         if found is not None and 2.0 * found.value - y[k - 1 : k + 2].max() > y.max():
             out.append(found.at)
     return out
 
 
+def _height(q: Quantity, largest: bool) -> np.ndarray:
+    """Turn a quantity so that its extreme value is on top; a size squared, as it is smooth then where it vanishes."""
+    return (1.0 if largest else -1.0) * (q.values if q.parts is None else q.values**2)
+
+
 def extreme_of(q: Quantity, along: np.ndarray | None, largest: bool) -> ExtremeValue:
-    """Find the largest or smallest of a quantity's values; that of a size by its square. See `extreme`."""
-    along = None if constant(q.values) else along
-    if q.parts is None:
-        return extreme(q.values, along, largest)
-    found = extreme(q.values**2, along, largest)
-    return replace(found, value=max(found.value, 0.0) ** 0.5)
+    """Find the largest or smallest of a quantity's values, NaN where a pose failed; not all of them.
 
-
-def extreme(values: np.ndarray, along: np.ndarray | None, largest: bool) -> ExtremeValue:
-    """Find the largest or smallest of some values.
-
-    There is a number for each pose, NaN where it failed; not all of them. It is refined by a parabola over the input,
-    or the time, if that is given as `along`; otherwise it is that of a pose.
+    It is refined by a parabola over the input, or the time, if that is given as `along`, of a size by one through its
+    squares; otherwise it is that of a pose.
     """
-    k = int(np.nanargmax(values) if largest else np.nanargmin(values))
-    found = None if along is None or not 0 < k < len(values) - 1 else _vertex(values, along, k, largest)
-    return ExtremeValue(float(values[k]), k, False) if found is None else found
+    height = _height(q, largest)
+    k = int(np.nanargmax(height))
+    found = ExtremeValue(float(height[k]), k, False)
+    if along is not None and not constant(q.values) and 0 < k < len(height) - 1:
+        found = _vertex(height, along, k) or found
+    value = found.value if largest else -found.value
+    return replace(found, value=value if q.parts is None else max(value, 0.0) ** 0.5)
 
 
-def _vertex(values: np.ndarray, along: np.ndarray, k: int, largest: bool) -> ExtremeValue | None:
-    """Find the vertex of the parabola through a pose and its neighbours, if it lies between these, not in a pose."""
-    u, y = along[k - 1 : k + 2] - along[k], values[k - 1 : k + 2] - values[k]
-    # The parabola y = b u + c u² through the neighbours of a pose that is put at the origin.
+def _vertex(y: np.ndarray, along: np.ndarray, k: int) -> ExtremeValue | None:
+    """Find the top of the parabola through a pose and its neighbours, if it lies between these, not in a pose."""
+    u, step = along[k - 1 : k + 2] - along[k], y[k - 1 : k + 2] - y[k]
+    # The parabola b u + c u² through the neighbours of a pose that is put at the origin.
     width = u[0] * u[2] * (u[0] - u[2])
-    if not (np.isfinite(y).all() and u[0] * u[2] < 0):
+    if not (np.isfinite(step).all() and u[0] * u[2] < 0):
         return None
-    b = (y[2] * u[0] ** 2 - y[0] * u[2] ** 2) / width
-    c = (y[0] * u[2] - y[2] * u[0]) / width
-    if not (c < 0.0 if largest else c > 0.0):
+    b = (step[2] * u[0] ** 2 - step[0] * u[2] ** 2) / width
+    c = (step[0] * u[2] - step[2] * u[0]) / width
+    if not c < 0.0:
         return None
     vertex = -b / (2.0 * c)
     if np.abs(vertex - u).min() < 1e-6 * abs(u[2] - u[0]) or not min(u[0], u[2]) < vertex < max(u[0], u[2]):
         return None
     at = k + float(vertex / (u[2] if vertex * u[2] > 0 else -u[0]))
-    return ExtremeValue(float(values[k] - b * b / (4.0 * c)), at, True)
+    return ExtremeValue(float(y[k] - b * b / (4.0 * c)), at, True)
 
 
 def constant(values: np.ndarray) -> bool:
@@ -336,24 +337,18 @@ def forces(motion: Motion) -> Forces | None:
 
     found = inverse_dynamics(motion.system, motion)
     top = motion.system.topology
-    efforts = []
-    for k, name in enumerate((*motion.driven, *motion.held)):
-        angle = top.is_angle(name)
-        values = np.where(good, np.asarray(found.efforts)[..., k], np.nan)
-        efforts.append(
-            Quantity(
-                f"effort {name}",
-                top.load_unit("moment" if angle else "force"),
-                values,
-                float(np.nanmax(np.abs(values))),
-            )
-        )
-    power = None
-    if efforts and not resting:
-        values = np.where(good, np.asarray(found.power), np.nan)
-        power = Quantity("power", top.load_unit("power"), values, float(np.nanmax(np.abs(values))))
+
+    def make(label: str, kind: str, values: Numbers) -> Quantity:
+        values = np.where(good, np.asarray(values), np.nan)
+        return Quantity(label, top.load_unit(kind), values, float(np.nanmax(np.abs(values))))
+
+    columns = zip((*motion.driven, *motion.held), np.asarray(found.efforts).T, strict=True)
+    efforts = tuple(
+        make(f"effort {name}", "moment" if top.is_angle(name) else "force", values) for name, values in columns
+    )
+    power = make("power", "power", found.power) if efforts and not resting else None
     peaks = sorted(_peaks(found.reactions.all(), good), key=lambda p: -p.force)
-    return Forces(motion, resting, tuple(efforts), power, tuple(peaks[:24]))  # peaks of forces that are listed
+    return Forces(motion, resting, efforts, power, tuple(peaks[:24]))  # peaks of forces that are listed
 
 
 def _peaks(wrenches: dict, good: np.ndarray) -> Iterator[Peak]:
@@ -527,8 +522,13 @@ def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[
         yield text
         return
     verdict.reach.append(found)
-    yield from describe_reach(found)
-    if found.turns or (found.lower is None and found.upper is None) or run.analysis == "circuit":
+    if found.turns:
+        yield f"{name} turns fully, without a dead point"
+    if found.turns or (found.lower is None and found.upper is None):
+        return
+    limits = [found.no_limit if v is None else f"{v:.10g}" for v in (found.lower, found.upper)]
+    yield f"{name} can go from {limits[0]} to {limits[1]} {found.unit}, limits being dead points"
+    if run.analysis == "circuit":
         return
     drive = run.inputs[name]
     slack = 1e-9 * abs(drive.end - drive.start)
@@ -538,16 +538,6 @@ def travels(mechanism: Mechanism, system: System, verdict: Verdict) -> Iterator[
         asked = f"{drive.start:g} to {drive.end:g}"
         text = f"run.inputs: {name} is asked for from {asked}, beyond these limits; the run will stop there"
         verdict.add("beyond-limits", "error", text, names=[name])
-
-
-def describe_reach(found: Reach) -> list[str]:
-    """Describe in a line how far an input goes; no line if nothing is known."""
-    if found.turns:
-        return [f"{found.name} turns fully, without a dead point"]
-    if found.lower is None and found.upper is None:
-        return []
-    limits = [found.no_limit if v is None else f"{v:.10g}" for v in (found.lower, found.upper)]
-    return [f"{found.name} can go from {limits[0]} to {limits[1]} {found.unit}, limits being dead points"]
 
 
 def drives(mechanism: Mechanism, run: record.Run) -> list[Drive]:

@@ -129,10 +129,10 @@ def enter(verdict: Verdict, motion: Motion, outputs: Sequence[str]) -> None:
     )
     verdict.assembles = bool(good.any()) or verdict.assembles
     verdict.moves = bool(good.sum() > 1) or verdict.moves
-    verdict.does = bool((good | crossings(motion)).all())
+    crossed = crossings(motion)
+    verdict.does = bool((good | crossed).all())
     if good.any():
         verdict.extremes = extremes(motion, outputs)
-    crossed = crossings(motion)
     for which, text, sentence in (
         (crossed, "are change points", CROSSING),
         (~good & ~crossed, "were not found", ""),

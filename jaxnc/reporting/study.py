@@ -1,5 +1,6 @@
 """Study of a mechanism: `jaxnc.report` looks at it once, and collects all that there is to know."""
 
+import contextlib
 import hashlib
 import platform
 from collections.abc import Sequence
@@ -173,7 +174,9 @@ def report(
     except MechanismError as error:
         verdict.add("incomplete", "error", str(error))
         system = None
-        known["system"] = _drawing_of(mechanism)
+        if mechanism is not None:
+            with contextlib.suppress(MechanismError):  # the drawing, if there is enough of it
+                known["system"] = assemble(mechanism)
     if system is not None:
         given = thing if isinstance(thing, Motion) else None
         known |= {"system": system} | _study(verdict, system, mechanism, given, run, expect, outputs)
@@ -196,14 +199,6 @@ def _system(thing: object) -> System:
     if isinstance(thing, Motion) and not thing.status.size:
         raise InputError(f"report(): this motion of {system.name!r} has no poses")
     return system
-
-
-def _drawing_of(mechanism: Mechanism | None) -> System | None:
-    """Make the drawing of a mechanism that cannot be compiled, if there is enough of it."""
-    try:
-        return None if mechanism is None else assemble(mechanism)
-    except MechanismError:
-        return None
 
 
 def _study(

@@ -40,15 +40,6 @@ class _Line(NamedTuple):
     normal: bool = False
 
 
-class _Meeting(NamedTuple):
-    """Where something is moved: the point, what meets there, and two lines whose angle is that of transmission."""
-
-    at: int
-    between: str
-    one: _Line
-    other: _Line
-
-
 def transmissions(motion: Motion) -> list[Transmission]:
     """Find the transmission angles of a planar sweep.
 
@@ -65,12 +56,12 @@ def transmissions(motion: Motion) -> list[Transmission]:
         return []
     bad = ~np.asarray(motion.converged)
     out = []
-    for found in _Chain(top, motion.driven).meetings:
-        u, v = _direction(motion, found.one), _direction(motion, found.other)
+    for at, between, one, other in _Chain(top, motion.driven).meetings:
+        u, v = _direction(motion, one), _direction(motion, other)
         angle = np.arctan2(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0], (u * v).sum(axis=-1))
         values = np.degrees(np.arctan2(np.abs(np.sin(angle)), np.abs(np.cos(angle))))
         values, sines = (np.where(bad, np.nan, x) for x in (values, np.sin(angle)))
-        out.append(Transmission(top.points[found.at], found.between, values, sines))
+        out.append(Transmission(top.points[at], between, values, sines))
     return out
 
 
@@ -123,7 +114,8 @@ class _Chain:
         groups: points that move as one with the ground, and with each body in turn.
         bodies: those that are found to be moved, by the inputs or by others.
         points: those whose place is known with them, and those of the ground.
-        meetings: where one moves another.
+        meetings: where one moves another: the point, what meets there, and two lines whose angle is that of
+            transmission.
     """
 
     def __init__(self, top: Topology, driven: tuple[str, ...]):
@@ -196,7 +188,7 @@ class _Chain:
         return False
 
     def _meet(self, at: int, between: str, one: _Line, other: _Line, *bodies: int) -> None:
-        self.meetings.append(_Meeting(at, between, one, other))
+        self.meetings.append((at, between, one, other))
         for b in bodies:
             self._take(b)
         self.points.add(at)

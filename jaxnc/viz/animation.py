@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from PIL import Image
+from PIL import Image, ImageColor
 
 from jaxnc.calls import public
 from jaxnc.errors import InputError
@@ -81,16 +81,13 @@ def animate(
 
 
 def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
-    every = data.count - 1 if data.closed else data.count
     if frames is None and data.motion.time is not None:
         time = np.asarray(data.motion.time, float)
         count = int(np.clip(round(fps * float(time[-1] - time[0]) / data.pace), 2, 240))
         wanted = np.linspace(time[0], time[-1], count, endpoint=not data.closed)
         return np.abs(time[:, None] - wanted).argmin(axis=0).tolist()
     if frames is None:
-        frames = min(every, 120)  # a page that is quick to read
-        if frames == every:
-            return list(range(every))
+        frames = min(data.count - data.closed, 120)  # a page that is quick to read
     if isinstance(frames, (int, np.integer)):
         if frames < 1:
             raise InputError(f"frames={frames!r}: an animation needs at least one frame")
@@ -146,13 +143,13 @@ class Film:
         if isinstance(self.view, PlaneView):
             steps = 255 // len(colours) - 1
             mixes = [mix(c, LIGHT["paper"], (k + 1) / steps) for c in colours for k in range(steps)]
-            found = _as_bytes(mixes + [mix(c, LIGHT["ink"], 0.5) for c in colours])
+            found = [ImageColor.getrgb(c) for c in (*mixes, *(mix(c, LIGHT["ink"], 0.5) for c in colours))]
         else:
             mixes = [mix(c, LIGHT["paper"], share) for c in colours for share in (1.0, 0.75, 0.5, 0.3, 0.15)]
-            own = _as_bytes(mixes)[:120]
+            own = [ImageColor.getrgb(c) for c in mixes[:120]]
             strip = np.concatenate([self.frame(int(k))[..., :3] for k in evenly(self.view.data.extent_poses, 6)])
             few = Image.fromarray(strip).quantize(255 - len(own), method=Image.Quantize.MEDIANCUT).getpalette() or []
-            found = np.concatenate([own, np.array(few, dtype=np.uint8).reshape(-1, 3)[: 255 - len(own)]])
+            found = [*own, *np.reshape(few, (-1, 3))[: 255 - len(own)]]
         out = np.full((256, 3), 255, dtype=np.uint8)
         out[1 : len(found) + 1] = found
         out[out.min(axis=1) >= 244] = 255  # Pillow looks colours up in coarse boxes: white must have its own
@@ -165,11 +162,6 @@ class Film:
             for k in chosen:
                 yield self.frame(k)
                 seen.update()
-
-
-def _as_bytes(colours: list[str]) -> np.ndarray:
-    """Write colours ``"#rrggbb"`` as bytes, ``(n, 3)``."""
-    return np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours], dtype=np.uint8)
 
 
 def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float) -> None:

@@ -22,7 +22,6 @@ LONGEST = 0.2
 
 _USUAL, _BEYOND = 90.0, 1.6  # percentile of the poses, and how much more than in these is still drawn to scale
 _DISC, _RING = 1.05, 1.6  # radius of the symbol of a centre of mass, and of one that is seen around a joint, units
-_NOUNS = ("velocity", "acceleration")
 
 
 @dataclass(frozen=True)
@@ -62,9 +61,9 @@ def arrows(
     much smaller than the others.
     """
     out = []
-    for order, names in ((1, velocities), (2, accelerations)):
-        noun = _NOUNS[order - 1]
-        columns = poses.columns(names, {1: "velocities", 2: "accelerations"}[order])
+    wanted = (1, "velocity", "velocities", velocities), (2, "acceleration", "accelerations", accelerations)
+    for order, noun, what, names in wanted:
+        columns = poses.columns(names, what)
         if not columns:
             continue
         x = poses.rates(order)[:, list(columns)]

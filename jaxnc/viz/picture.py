@@ -51,17 +51,11 @@ def inches(size: Size, height: Callable[[float], float] = lambda width: width / 
     return wide, high[0] if high else height(wide)
 
 
-def save(figure: Figure, path: str | Path, dpi: float = 200.0) -> Path:
-    """Write a figure to a file, the same bytes each time."""
-    settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
-    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with writing(path, PICTURES, "a picture") as new, rc_context(settings):
-        figure.savefig(new, dpi=dpi, metadata=undated.get(new.suffix.lower()))
-    return Path(path).expanduser()
-
-
 def finish(figure: Figure, path: str | Path | None, dpi: float = 200.0) -> Figure:
-    """Write a figure to a file if there is a path; returns the figure."""
+    """Write a figure to a file if there is a path, the same bytes each time; returns the figure."""
     if path is not None:
-        save(figure, path, dpi)
+        settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
+        undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+        with writing(path, PICTURES, "a picture") as new, rc_context(settings):
+            figure.savefig(new, dpi=dpi, metadata=undated.get(new.suffix.lower()))
     return figure

@@ -1,6 +1,5 @@
 """Velocity and acceleration polygons: vectors from a pole, images of bodies, and what vectors are put together from."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,29 +23,24 @@ _SHORT = 1e-3  # of it: parts shorter than this are not drawn
 KINDS = ("velocity", "acceleration")
 
 
-@dataclass
 class _Polygon:
-    """A polygon: places in the plane of velocities or accelerations."""
+    """A polygon: places in the plane of velocities (order 1) or accelerations (order 2) of a motion in one pose."""
 
-    data: Poses  # the motion
-    pose: int  # the pose
-    order: int  # 1 for velocities, 2 for accelerations
-    places: list[np.ndarray] = field(default_factory=lambda: [np.zeros(2)])  # ends of vectors
-    names: list[list[str]] = field(default_factory=lambda: [["o"]])  # what they are the image of
-    # images of bodies: numbers of places, colour
-    sides: list[tuple[tuple[int, ...], int]] = field(default_factory=list)
-    # arrows that a vector is put together from: start, end, colour, kind
-    parts: list[tuple[np.ndarray, np.ndarray, int, str]] = field(default_factory=list)
-
-    def __post_init__(self):
-        x = self.data.rates(self.order)[self.pose]
+    def __init__(self, data: Poses, pose: int, order: int):
+        self.data, self.pose, self.order = data, pose, order
+        self.places = [np.zeros(2)]  # ends of vectors
+        self.names = [["o"]]  # what they are the image of
+        self.sides: list[tuple[tuple[int, ...], int]] = []  # images of bodies: numbers of places, colour
+        # arrows that a vector is put together from: start, end, colour, kind
+        self.parts: list[tuple[np.ndarray, np.ndarray, int, str]] = []
+        x = data.rates(order)[pose]
         self.longest = float(np.linalg.norm(x, axis=1).max(initial=0.0))
-        self.found = Bodies(self.data).colour_by_name
-        self.numbers = [self.image(v, name) for v, name in zip(x, self.data.names, strict=True)]
-        for body in self.data.topology.bodies:
+        self.found = Bodies(data).colour_by_name
+        self.numbers = [self.image(v, name) for v, name in zip(x, data.names, strict=True)]
+        for body in data.topology.bodies:
             if body.name in self.found and len(body.points) > 1:
                 self._body(body)
-        for joint in self.data.topology.joints:
+        for joint in data.topology.joints:
             if joint.type == "slot":
                 self._guide(*joint.points)
 

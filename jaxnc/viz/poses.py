@@ -109,7 +109,6 @@ def whole_range(system: System, name: str, home: float, lower: float, upper: flo
 
 
 _CHORD, _BEND, _BETWEEN = 0.02, 0.08, 8  # of a path's extent, radians: chords that are drawn as so many
-_NOUNS = ("position", "velocity", "acceleration", "jerk")
 
 
 def evenly(x: np.ndarray, count: int = 9) -> np.ndarray:
@@ -303,9 +302,9 @@ class Poses:
 
     def rates(self, order: int) -> np.ndarray:
         """Find the rates of all columns, ``(T, columns, dim)``, NaN where a pose is not right."""
-        if len(self.motion.rates) < order:
-            getattr(self.motion, _NOUNS[order])(self.topology.points[0])
         read = (self.motion.velocity, self.motion.acceleration, self.motion.jerk)[order - 1]
+        if len(self.motion.rates) < order:
+            read(self.topology.points[0])  # raises an error that tells what is missing
         x = _columns(self.motion, np.asarray(self.motion.rates[order - 1]).reshape(self.count, -1), read)
         return np.where(self.good[:, None, None], x, np.nan)
 

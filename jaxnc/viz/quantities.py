@@ -20,11 +20,10 @@ if TYPE_CHECKING:
 
 _RATES = {"velocity": 1, "acceleration": 2, "jerk": 3}
 _TURNS = {"orientation": 0, "angular velocity": 1, "angular acceleration": 2}
-ENERGIES = ("energy", "kinetic energy", "potential energy")
-"""Of a mechanism with masses."""
+ENERGIES = {"energy": energy, "kinetic energy": kinetic_energy, "potential energy": potential_energy}
+"""Of a mechanism with masses, and how they are found."""
 EXERTED = ("effort", "load", "reaction", "support")
 """What acts on it, before a name."""
-_ENERGIES = (energy, kinetic_energy, potential_energy)
 _PER = ("", "/s", "/s²", "/s³")
 
 
@@ -72,7 +71,7 @@ def quantity(poses: Poses, name: str) -> Quantity:
     if (number := _attitude(poses, name)) is not None:
         return number
     if name in ENERGIES:
-        return _plain_quantity(poses, name, "energy", top.load_unit("energy"), _ENERGIES[ENERGIES.index(name)](motion))
+        return _plain_quantity(poses, name, "energy", top.load_unit("energy"), ENERGIES[name](motion))
     if noun in EXERTED:
         return _force(poses, noun, what)
     return _coordinate(poses, name, _RATES.get(noun, 0), what)

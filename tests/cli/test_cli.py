@@ -23,7 +23,7 @@ from jaxnc.errors import JaxncError
 from jaxnc.io.files import load
 from jaxnc.io.tables import load_csv, load_npz
 from jaxnc.library.catalogue import CATALOGUE
-from jaxnc.reporting.checked import Quantity, extreme, extreme_of, extremes_of, quantities
+from jaxnc.reporting.checked import ExtremeValue, Quantity, extreme_of, extremes_of, quantities
 
 FOUR_BAR = str(EXAMPLES / "four_bar.toml")
 LIFT = str(EXAMPLES / "scissor_lift.toml")
@@ -459,6 +459,10 @@ def test_modes_refuses(capsys, options, says):
 
 # ---------------------------------------------------------------------------------------------------------------
 # extremes
+
+
+def extreme(y: np.ndarray, along: np.ndarray | None, largest: bool) -> ExtremeValue:
+    return extreme_of(Quantity("y", "m", y, 1.0), along, largest)
 
 
 def test_an_extreme_between_poses_is_the_vertex_of_a_parabola():

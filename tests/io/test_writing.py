@@ -41,11 +41,11 @@ def no_limit():
 
 
 def a_plot(motion, path):
-    from jaxnc.viz.picture import Picture, save
+    from jaxnc.viz.picture import Picture, finish
 
     figure = Picture(figsize=(2, 2))
     figure.subplots().plot(np.asarray(motion["P"])[:, 0])
-    return save(figure, path)
+    return finish(figure, path)
 
 
 WRITERS = {

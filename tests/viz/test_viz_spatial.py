@@ -470,10 +470,10 @@ def test_what_is_near_is_painted_over_what_is_far(swapped):
     pose = np.array([[0.0, 0, 0], [0.3, 5.0, 0.2]])
     painter = front(pose)
     axes = Camera(0.0, 90.0 if swapped else -90.0).axes
-    sheet = painter.paint(
+    corners, *_ = painter.paint(
         painter.vertices(pose, np.zeros(0), 1.0), pose, lambda x: (x @ axes[:2].T, x @ axes[2], axes, 1.0), 1.0
     )
-    middle = sheet.corners.mean(axis=1)
+    middle = corners.mean(axis=1)
     assert len(middle) == 4  # each ball and its light
     last = middle[2] - middle[0]
     expected = (pose[1] - pose[0]) @ axes[:2].T * (1 if swapped else -1)
@@ -494,10 +494,10 @@ def test_only_faces_that_are_seen_are_painted():
     pose = np.zeros((1, 3))
     for view, faces, edges in (((0.0, 0.0), 1, 4), ((30.0, 40.0), 3, 9)):
         axes = Camera(*view).axes
-        sheet = painter.paint(
+        _, areas, *_ = painter.paint(
             painter.vertices(pose, np.zeros(0), 1.0), pose, lambda x, a=axes: (x @ a[:2].T, x @ a[2], a, 1.0), 1.0
         )
-        filled = sheet.faces[:, 3] > 0
+        filled = areas[:, 3] > 0
         assert (filled.sum(), (~filled).sum()) == (faces, edges)
 
 
@@ -515,7 +515,7 @@ def test_a_figure_has_the_pose_the_names_and_the_axes(turning):
     assert sorted(t.get_text() for t in artists(figure, "label")) == sorted(names(drawn(turning)))
     assert [t.get_text() for t in artists(figure, "input")] == ["φ"]
     assert only([t.get_text() for t in figure.texts]) == "RSCR"
-    path = only([x for x, body, _ in solids.painter.traces if body == poses(turning).names.index("P3") - 2])
+    path = only([x for x, body, *_ in solids.painter.traces if body == poses(turning).names.index("P3") - 2])
     at = poses(turning).path(poses(turning).names.index("P3"))[1]
     np.testing.assert_allclose(path[at], places(turning, "P3"), atol=DRAWN)
     assert not artists(viz.draw(turning, labels=False), "label")

@@ -19,6 +19,7 @@ from jaxnc.kinematics.position import solve_position
 from jaxnc.kinematics.sensitivity import Outputs, Sensitivity, sensitivity
 from jaxnc.mechanism import Mechanism
 from jaxnc.solvers.assembly import derive, settle
+from jaxnc.synthesis.tracing.trace import space_evenly
 from jaxnc.system.host import from_jax
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.types import Inputs
@@ -497,7 +498,9 @@ class Widget:
             points = np.array(drawn["points"], float)
             # A drawn curve whose ends are near each other, beside its extent, is closed.
             closed = bool(np.hypot(*(points[-1] - points[0])) < 0.12 * np.max(np.ptp(points, axis=0)))
-            self.target = _resample(points, closed)
+            count = 24  # points that a drawn curve becomes
+            line = np.concatenate([points, points[:1]]) if closed else points
+            self.target = space_evenly(line, count + closed)[:count]
             self._closed = closed
             self._show_target()
 
@@ -579,12 +582,3 @@ def _module(parts: dict[str, str]) -> str:
         "DATA": parts["DATA"],
     }
     return re.sub(r"\{\{([A-Z]+)\}\}", lambda found: given[found[1]], script)
-
-
-def _resample(points: np.ndarray, closed: bool) -> np.ndarray:
-    """Put as many points as a target has evenly along a drawn curve."""
-    line = np.concatenate([points, points[:1]]) if closed else points
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    count = 24  # points that a drawn curve becomes
-    at = np.linspace(0.0, along[-1], count + closed)[:count]
-    return np.stack([np.interp(at, along, axis) for axis in line.T], axis=1)

@@ -86,11 +86,11 @@ class Solids(PolyCollection):
     def do_3d_projection(self) -> float:
         """Paint the pose as it is seen now; matplotlib calls this before it draws."""
         assert isinstance(self.axes, Axes3D)
-        sheet = self.painter.paint(self.places, self.pose, Projection(self.axes), self.unit, self.faded)
-        faces, edges = sheet.faces.copy(), sheet.edges.copy()
+        seen = Projection(self.axes)
+        corners, faces, edges, widths = self.painter.paint(self.places, self.pose, seen, self.unit, self.faded)
         faces[:, 3] *= self.opacity
         edges[:, 3] *= self.opacity
-        self.set(verts=sheet.corners, facecolor=faces, edgecolor=edges, linewidth=sheet.widths * self.points)
+        self.set(verts=corners, facecolor=faces, edgecolor=edges, linewidth=widths * self.points)
         return 0.0
 
     @allow_rasterization
@@ -451,7 +451,7 @@ class SpaceView(View):
         traces = []
         for column, body, turn in self.styled_traces():
             x, dashes = self.data.path(column)[0], (0, 6, 3)[turn % 3]
-            traces.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes))
+            traces.append((_even_steps(x, 0.6 * self.unit) if dashes else x, body, dashes, "trace"))
         painter = Painter(self.scene, traces=(*traces, *self.lines))
         self.solids = self._add_solids(painter, "mechanism", 10.0)
         self.names = [Name(of, self.points) for of in (*self.scene.labels, *painter.turns)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.viz.poses import evenly
 from jaxnc.viz.scene import Item, Scene, shown_angle
-from jaxnc.viz.spatial.mesh import Mesh, Shell
+from jaxnc.viz.spatial.mesh import Mesh, Plain, Polygons, Shell
 from jaxnc.viz.style import INK, Style, colour_of
 
 
@@ -208,21 +208,11 @@ _BALL = 32  # corners of a ball's outline
 _TURN = 33  # places along the arrow of an angle
 
 
-@dataclass(frozen=True)
-class Sheet:
-    """Polygons in the picture, to be painted in order."""
-
-    corners: np.ndarray  # (polygons, corners, 2); shorter ones repeat their last corner, and a line has two
-    faces: np.ndarray  # red, green, blue and opacity of the areas, (polygons, 4)
-    edges: np.ndarray  # the same of the lines around them
-    widths: np.ndarray  # of these lines, units
-
-
 class Painter:
     """A scene, prepared: which vertices make which face and line, with their colours.
 
     All roles are painted, or `only` some. Of each path there are the places it runs through ``(T, 3)``, its colour,
-    dashes or not, and its role if that is not ``"trace"``.
+    dashes or not, and its role.
     """
 
     def __init__(self, scene: SpaceScene, only: tuple[str, ...] | None = None, traces: tuple = ()):
@@ -231,8 +221,7 @@ class Painter:
         self.plates = [item for item in items if isinstance(item, Plate)]
         self.balls = [item for item in items if isinstance(item, Ball)]
         self.turns = [item for item in items if isinstance(item, Turn)]
-        self.traces = [(np.asarray(x), body, dashes) for x, body, dashes, *_ in traces]
-        self.roles = [(*role, "trace")[0] for _, _, _, *role in traces]
+        self.traces = traces
         self.columns = max([len(scene.bodies), *(1 + p for plate in self.plates for face in plate.faces for p in face)])
         self._prepare()
 
@@ -248,41 +237,35 @@ class Painter:
         def look_of(role: str, body: int = INK) -> int:
             return looks.setdefault((role, body), len(looks))
 
-        def add_face(face: tuple[int, ...], look: int) -> None:
-            faces.append(face)
-            face_rows.append((self.parts, look, True))
-            self.parts += 1
-
-        def add_line(a: int, b: int, look: int) -> None:
-            edges.append((a, b, -1, -1, True))
-            edge_rows.append((self.parts, look))
-            self.parts += 1
-
-        for plate in self.plates:
-            for face in plate.faces:
-                add_face(face, look_of(plate.role, plate.body))
-        for solid in self.solids:
-            mesh, look, base = solid.mesh.polygons, look_of(solid.role, solid.body), len(faces)
-            faces += [tuple(i + first for i in face) for face in mesh.faces]
-            face_rows += [(self.parts + k, look, False) for k in mesh.face_parts]
+        def add(mesh: Polygons, look: int, both: bool, first: int) -> None:
+            base = len(faces)
+            faces.extend(tuple(i + first for i in face) for face in mesh.faces)
+            face_rows.extend((self.parts + k, look, both) for k in mesh.face_parts)
             for a, b, f, g, sharp in mesh.edges:
                 sides = (base + f if f >= 0 else -1, base + g if g >= 0 else -1)
                 edges.append((a + first, b + first, *sides, sharp))
-            edge_rows += [(self.parts + k, look) for k in mesh.edge_parts]
+            edge_rows.extend((self.parts + k, look) for k in mesh.edge_parts)
             self.parts += mesh.parts
-            first += len(mesh.vertices)
+
+        def add_lines(pairs: list[tuple[int, int]], look: int, first: int) -> None:
+            edges.extend((a + first, b + first, -1, -1, True) for a, b in pairs)
+            edge_rows.extend((self.parts + k, look) for k in range(len(pairs)))
+            self.parts += len(pairs)
+
+        for plate in self.plates:
+            add(Polygons(tuple(Plain((), (face,)) for face in plate.faces)), look_of(plate.role, plate.body), True, 0)
+        for solid in self.solids:
+            add(solid.mesh.polygons, look_of(solid.role, solid.body), False, first)
+            first += len(solid.mesh.vertices)
         for turn in self.turns:
             look, head = look_of(turn.role, turn.body), first + _TURN
-            for k in range(first, head - 3):
-                add_line(k, k + 1, look)
-            add_line(head + 3, head + 4, look_of("reference"))
-            add_face((head, head + 1, head + 2), look)
+            add_lines([(k, k + 1) for k in range(_TURN - 3)], look, first)
+            add_lines([(3, 4)], look_of("reference"), head)
+            add(Polygons((Plain((), ((0, 1, 2),)),)), look, True, head)
             first = head + 5
-        for (x, body, dashes), role in zip(self.traces, self.roles, strict=True):
-            look = look_of(role, body)
-            for k in range(len(x) - 1):
-                if not dashes or k % dashes < dashes - dashes // 3:
-                    add_line(first + k, first + k + 1, look)
+        for x, body, dashes, role in self.traces:
+            drawn = [(k, k + 1) for k in range(len(x) - 1) if not dashes or k % dashes < dashes - dashes // 3]
+            add_lines(drawn, look_of(role, body), first)
             first += len(x)
         self.ball_look = [look_of(ball.role, ball.body) for ball in self.balls]
 
@@ -321,7 +304,9 @@ class Painter:
         parts += [x for x, *_ in self.traces]
         return np.concatenate(parts)
 
-    def paint(self, vertices: np.ndarray, pose: np.ndarray, project, unit: float, faded: float = 1.0) -> Sheet:
+    def paint(
+        self, vertices: np.ndarray, pose: np.ndarray, project, unit: float, faded: float = 1.0
+    ) -> tuple[np.ndarray, ...]:
         """Lay out the polygons of one pose in the order in which they are painted.
 
         Args:
@@ -331,6 +316,11 @@ class Painter:
                 the picture as rows ``(3, 3)``; lengths per unit of the picture last.
             unit: length of a unit.
             faded: opacity of what moves.
+
+        Returns:
+            Corners ``(polygons, corners, 2)``, where shorter polygons repeat their last one and a line has two; red,
+            green, blue and opacity of the areas, and of the lines around them, each ``(polygons, 4)``; the widths of
+            these lines, units.
         """
         flat, near, axes, scale = project(vertices)
         corners = flat[self.faces]
@@ -375,7 +365,7 @@ class Painter:
         order_depth = np.concatenate([depth[self.face_part[seen]], depth[self.edge_part[shown]], round_depth])
         kind = np.concatenate([np.zeros(seen.sum()), np.ones(shown.sum()), np.tile([0.0, 1.0], len(rounds) // 2)])
         order = np.lexsort([kind, order_depth])
-        return Sheet(
+        return (
             np.concatenate(everything)[order],
             np.concatenate([face_colour, np.zeros((shown.sum(), 4)), round_faces])[order],
             np.concatenate([own, rim, round_edges])[order],

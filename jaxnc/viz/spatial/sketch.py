@@ -274,8 +274,18 @@ class _SpaceSketch(Sketch):
         mine = ((rows, i) for rows in named for i, owners in enumerate(rows.owners) if joint.owner in owners)
         return next((self.read_instance(rows, i) for rows, i in mine), None)
 
+    def mark_centre(self, joint: JointIndex, kind: str) -> tuple[int, RowReading] | None:
+        """Find where a joint about directions is, and its rows; None where that is not known."""
+        rows = self.rows_of(joint, kind)
+        p = None if rows is None else self.centre(joint, rows)
+        if rows is None or p is None:
+            return None
+        self.axes |= {v: p for v in rows.vectors if v >= 0}
+        self.marked.add(p)
+        return p, rows
+
     def centre(self, joint: JointIndex, rows: RowReading) -> int | None:
-        """Find where a joint about directions is: the point it makes coincide, or the one that its bodies share."""
+        """Find the point that a joint makes coincide, or the one that its bodies share."""
         both = self.rows_of(joint, "coincident")
         if both is not None:
             self.marked.update(both.points)
@@ -290,18 +300,13 @@ class _SpaceSketch(Sketch):
             fixed = bool(self.bodies.still[v]) if v >= 0 else bool(self.bodies.ground[list(way.columns)].all())
             ground = set(np.flatnonzero(self.bodies.ground).tolist()) if fixed else set()
             sets.append(ground.union(*held))
-        shared = set.intersection(*sets) if sets else set()
-        return min(shared) if shared else None
+        return min(set.intersection(*sets), default=None) if sets else None
 
     def add_revolute(self, joint: JointIndex) -> None:
         """Draw a hinge."""
-        rows = self.rows_of(joint, "parallel")
-        p = self.centre(joint, rows) if rows else None
-        if rows is None or p is None:
-            return
-        self.hinge(p, rows.ways[0])
-        self.axes |= {v: p for v in rows.vectors if v >= 0}
-        self.marked.add(p)
+        if found := self.mark_centre(joint, "parallel"):
+            p, rows = found
+            self.hinge(p, rows.ways[0])
 
     def add_spherical(self, joint: JointIndex) -> None:
         """Draw a ball."""
@@ -311,17 +316,15 @@ class _SpaceSketch(Sketch):
     def add_crossed(self, joint: JointIndex) -> None:
         """Draw the cross of a universal joint; a large ball for constant velocity."""
         universal = joint.type == "universal"
-        rows = self.rows_of(joint, "scalar product" if universal else "constant velocity")
-        p = self.centre(joint, rows) if rows else None
-        if rows is None or p is None:
+        found = self.mark_centre(joint, "scalar product" if universal else "constant velocity")
+        if found is None:
             return
+        p, rows = found
         for way, v in zip(rows.ways, rows.vectors, strict=True) if universal else ():
             colour = self.bodies.colour(vectors=(v,)) if v >= 0 else self.bodies.colour(*way.columns)
             self.items.append(Solid("cross", SpaceFrame(p, way), _ARM, body=colour))
-        self.axes |= {v: p for v in rows.vectors if v >= 0}
         self.items.append(Ball("ball", p, 0.85 if universal else 1.4))
         self.hanging.add(p)
-        self.marked.add(p)
 
     def add_sliding(self, joint: JointIndex) -> None:
         """Draw a sleeve, a block, a nut or a ball on a rod along the axis."""
@@ -434,6 +437,7 @@ class _SpaceSketch(Sketch):
 
     def add_shared(self) -> None:
         """Draw what holds bodies that meet at a point: a hinge if they share an axis too, else a ball."""
+        x = self.x[0]
         for p in range(len(self.top.points)):
             found = self.bodies.meeting(p)
             if len({group for *_, group in found}) < 2:
@@ -445,7 +449,8 @@ class _SpaceSketch(Sketch):
             self.marked.add(p)
             pairs = [(a, b) for i, a in enumerate(found) for b in found[i + 1 :] if a[2] != b[2]]
             vector = next((v for a, b in pairs for v in sorted(a[1] & b[1])), None)
-            other = next((q for a, b in pairs for q in sorted(a[0] & b[0] - {p}) if self.apart(p, q)), None)
+            shared = (q for a, b in pairs for q in sorted(a[0] & b[0] - {p}))
+            other = next((q for q in shared if np.abs(x[q] - x[p]).max() > 0), None)
             if vector is not None:
                 self.hinge(p, self.way(vector))
                 self.axes.setdefault(vector, p)
@@ -453,10 +458,6 @@ class _SpaceSketch(Sketch):
                 self.hinge(p, Way((p, other)), _KNUCKLE)
             else:
                 self.ball(p)
-
-    def apart(self, p: int, q: int) -> bool:
-        """Tell whether two points are different places."""
-        return float(np.linalg.norm(self.x[0, p] - self.x[0, q])) > 0
 
     def hinge(self, p: int, axis: Way, mesh=_HINGE) -> None:
         """Draw a hinge at a point; on the ground it stands on the ground's symbol."""
@@ -523,7 +524,8 @@ class _SpaceSketch(Sketch):
             and not self.bodies.ground[list(rows.points)].all()
             and self.bodies.holding(*rows.points) is None
         ]
-        free = {p for _, rows in found for p in rows.points if self._own(p)}
+        ends = {p for _, rows in found for p in rows.points} - self.marked
+        free = {p for p in ends if len({group for *_, group in self.bodies.meeting(p)}) < 2}  # nothing else is there
         for name, rows in found:
             a, b = rows.points
             driven = name in self.poses.motion.driven
@@ -540,10 +542,6 @@ class _SpaceSketch(Sketch):
             else:
                 self.items.append(segment("distance", a, b, _LINE))
             self.labels.append(Label(a, symbol(name), to=b))
-
-    def _own(self, p: int) -> bool:
-        """Tell whether there is nothing at a point but what it belongs to."""
-        return len({group for *_, group in self.bodies.meeting(p)}) < 2 and p not in self.marked
 
     def _along(self, rows: RowReading) -> bool:
         """Tell whether a line along the direction of a distance joins its points, and no rod does."""
@@ -575,20 +573,15 @@ class _SpaceSketch(Sketch):
         sprung = {tuple(sorted(item.frame.along.columns)) for item in springs}
         for word, _, points, measure in self.forces():
             if measure is not None:
-                self._on(*measure, word)
+                block, instance, angle = measure
+                ways = self.read_instance(block, instance).ways
+                if angle and word in _ABOUT and len(ways) > 1:  # distances are drawn already
+                    frame = SpaceFrame(self.vertex(ways[0], ways[-1]), ways[0], ways[-1])
+                    self.items += [Solid(role, frame, mesh) for role, mesh in _ABOUT[word]]
             elif word in _BETWEEN and len(points) == 2 and tuple(sorted(points)) not in sprung:
                 a, b = points
                 self.items += [segment(role, a, b, mesh) for role, mesh in _BETWEEN[word]]
                 self._support(a, b)
-
-    def _on(self, block: Block, instance: int, angle: bool, word: str) -> None:
-        """Draw what acts on an angle, about its axis; distances are drawn already."""
-        rows = self.read_instance(block, instance)
-        if not angle or word not in _ABOUT or len(rows.ways) < 2:
-            return
-        axis, to = rows.ways[0], rows.ways[-1]
-        at = self.vertex(axis, to)
-        self.items += [Solid(role, SpaceFrame(at, axis, to), mesh) for role, mesh in _ABOUT[word]]
 
     # -- points and vectors -------------------------------------------------------------------------------------
 
