@@ -122,6 +122,8 @@ class FunctionGeneration(Problem):
                 known = (*top.coordinates, *numbers)
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
             shapes(_attitude_reader(output), repeat_drawing(self, 1))  # says what it lacks
+        turn = 4 * np.pi if self.periodic else np.inf
+        check_radians(table, f"{what}: values", turn, "state one turn, which the others repeat")
         turns = _is_angle(self.system, output)
         if turns:
             check_radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
@@ -173,10 +175,6 @@ class FunctionGeneration(Problem):
         # The table's turns are not the drawing's; in one that jumps, as angles in (-pi, pi] do, each has its own.
         off = missed if self.jumps else missed[0]
         return missed - 2.0 * jnp.pi * jnp.round(off / (2.0 * jnp.pi))
-
-    @property
-    def error_shape(self) -> tuple[int, ...]:
-        return self.target.shape
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         # The output's offset is fitted to each start.

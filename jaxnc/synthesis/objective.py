@@ -23,7 +23,7 @@ from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.problem import Problem, home_value, make_motion
 from jaxnc.synthesis.statement import complete, set_up
-from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion
+from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_array, as_real, call_user, function_name
@@ -88,6 +88,8 @@ class Objective(Problem):
             raise InputError(f"{what}: residuals must be a function of a motion, or several, got {residuals!r}")
         share = as_weights(weights, len(functions), what)
         set_up(self, what, mechanism, input, free, bounds, subject_to, hold, table=table)
+        turn = 4 * np.pi if self.periodic else np.inf
+        check_radians(table, f"{what}: values", turn, "state one turn, which the others repeat")
         complete(self, minimax=minimax, residuals=functions, weights=tuple(share.tolist()), values=table)
         found = _compiled_errors(self, move_designs(self, [self.start])[0].motion)
         if not found.size:
@@ -176,9 +178,6 @@ class Loss(Problem):
     @property
     def unit(self) -> str:
         return ""
-
-    def reported_error(self, square: float) -> float:
-        return float(square)
 
     def inputs(self, extra: Numbers) -> Any:
         return np.asarray(home_value(self.system, self.driven)).reshape(1)

@@ -192,10 +192,6 @@ class PathGeneration(Problem):
             return super().rule
         return "order and range of the timings", "meets the targets out of order, or beyond the range of the input"
 
-    @property
-    def error_shape(self) -> tuple[int, ...]:
-        return self.target.shape
-
     def own(self, extra: Array) -> Array:
         if self.timing is not None:
             return jnp.zeros(0)
@@ -341,10 +337,6 @@ class MotionGeneration(PathGeneration):
     def _frame(self, dim: int) -> Extras:
         names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")
         return Extras(names, np.zeros(len(names)))
-
-    @property
-    def error_shape(self) -> tuple[int, ...]:
-        return len(self.target), (3 if self.system.topology.dim == 2 else 12)
 
     @property
     def own_turns(self) -> int:

@@ -238,8 +238,6 @@ def set_up(
     if table is not None:
         travel, steps = (float(np.min(table)), float(np.max(table))), np.diff(table)
         dense = bool((steps > 0).all() or (steps < 0).all())
-        turn = 4 * np.pi if turning else np.inf
-        check_radians(table, f"{what}: values", turn, "state one turn, which the others repeat")
     elif travel is None:
         home = float(home_value(system, driven))
         travel = (home, home + 2 * np.pi) if turning else (home, home)
