@@ -687,7 +687,7 @@ def descend(
                 return Result(problem, (), (), 0, looked, 0, None)
             run.begin(x, len(x) if given is not None else int(starts))
             if resume is not None:
-                course.resume(resume, run)
+                run.restore(course.resume(resume))
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, "interrupted before the first step")
     stopped = ""
@@ -701,14 +701,14 @@ def descend(
             stopped = course.out_of_time
             if not stopped and enough is not None and best <= enough:
                 stopped = f"stopped at enough={enough:g}"
-            course.save(run, every=1.0)  # seconds
+            course.save(run.to_arrays, every=1.0)  # seconds
     except KeyboardInterrupt:
         stopped = "interrupted"
     course.bar.close()
     if stopped:
         stopped += f" after {run.done} of {steps} steps{course.hint}"
     if course.history:
-        course.save(run)
+        course.save(run.to_arrays)
     ends = run.ends(stopped.partition(" ")[0])
     designs = judge(problem, [basin for basin, _ in distinct_basins(problem, [(end, 1) for end in ends])][: 2 * keep])
     if not stopped.startswith("interrupted"):

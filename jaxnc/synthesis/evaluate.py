@@ -98,7 +98,9 @@ def solve_poses(problem: Problem, x: np.ndarray, poses: int, way: str = "quick")
         The poses, without their changes; see `changing`.
     """
     with np.errstate(all="ignore"):
-        return _designs(problem, x, False, way).solve(poses)
+        if _go_together(problem):
+            return _Designs(problem, x, False, way).solve(poses)
+        return _sweep_designs(problem, x, poses)
 
 
 def solve_changes(problem: Problem, x: np.ndarray, poses: int, way: str, most: int) -> Iterator[DesignPoses]:
@@ -108,10 +110,11 @@ def solve_changes(problem: Problem, x: np.ndarray, poses: int, way: str, most: i
     are sparse.
     """
     with np.errstate(all="ignore"):
-        designs = _designs(problem, x, True, way)
-        found = designs.solve(poses)
+        designs = _Designs(problem, x, True, way) if _go_together(problem) else None
+        found = _sweep_designs(problem, x, poses) if designs is None else designs.solve(poses)
     for first in range(0, len(x), most):
-        yield designs.changing(found, slice(first, first + most))
+        some = slice(first, first + most)
+        yield take(found, some) if designs is None else designs.changing(found, some)
 
 
 def reach_targets(problem: Problem, x: np.ndarray) -> np.ndarray:
@@ -135,11 +138,12 @@ def solve_curves(
     is behind it is looked for backwards.
     """
     with np.errstate(all="ignore"):
-        x = _with_own(problem, z)
-        found = _designs(problem, x, False, way).curve(count)
+        x, together = _with_own(problem, z), _go_together(problem)
+        found = _Designs(problem, x, False, way).curve(count) if together else _sweep_designs(problem, x, count)
+        found = found.turn or found
         q, good = found.q, found.status == int(Status.CONVERGED)
         open_ = np.flatnonzero(~good.all(axis=1))
-        if len(open_) and _go_together(problem):
+        if len(open_) and together:
             again = _Designs(problem, x[open_], False, way)
             turn = 2 * np.pi if problem.whole else 0.0
             back = again.along(found.values[open_, ::-1] - turn)
@@ -165,11 +169,6 @@ def _with_own(problem: Problem, z: np.ndarray) -> np.ndarray:
 def _go_together(problem: Problem) -> bool:
     """Tell whether designs are moved all at once: not where matrices are sparse or JAX alone can read a kind."""
     return readable(problem.system.topology) and not problem.system.topology.large
-
-
-def _designs(problem: Problem, x: np.ndarray, changes: bool, way: str) -> "_Designs | _SweptDesigns":
-    """Make designs ready to be moved."""
-    return _Designs(problem, x, changes, way) if _go_together(problem) else _SweptDesigns(problem, x)
 
 
 def marker_places(problem: Problem, z: np.ndarray, q: np.ndarray, number: int) -> np.ndarray:
@@ -367,37 +366,25 @@ def _some_designs(drawn: Drawn, lanes: np.ndarray) -> Drawn:
     return drawn._replace(constants=tuple(c[:, :, lanes] for c in drawn.constants), home=drawn.home[:, lanes])
 
 
-class _SweptDesigns:
-    """Designs that are moved by sweeps, one after the other."""
-
-    def __init__(self, problem: Problem, x: np.ndarray):
-        self.problem, self.x = problem, x
-
-    def solve(self, poses: int) -> DesignPoses:
-        problem, n, ways = self.problem, len(self.problem.variables.names), []
-        for one in self.x:
-            system, extra = problem.design(one), one[n:]
-            values = [np.asarray(problem.inputs(extra), float)]
-            if problem.at_rest:
-                values = [np.asarray(home_value(system, problem.driven), float).reshape(1)]
-            if poses and not problem.through(len(values[0]), poses):
-                low, high = problem.span(home_value(system, problem.driven), extra)
-                values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
-            motions = [problem.sweep(system, v) for v in values]
-            ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
-        found, *turn = (
-            DesignPoses(q, status, values)
-            for way in zip(*ways, strict=True)
-            for q, status, values in [map(np.stack, zip(*way, strict=True))]
-        )
-        return found._replace(turn=turn[0]) if turn else found
-
-    def curve(self, count: int) -> DesignPoses:
-        found = self.solve(count)
-        return found.turn or found
-
-    def changing(self, found: DesignPoses, some: slice) -> DesignPoses:
-        return take(found, some)
+def _sweep_designs(problem: Problem, x: np.ndarray, poses: int) -> DesignPoses:
+    """Move designs by sweeps, one after the other."""
+    ways = []
+    for one in x:
+        system, extra = problem.design(one), one[len(problem.variables.names) :]
+        values = [np.asarray(problem.inputs(extra), float)]
+        if problem.at_rest:
+            values = [np.asarray(home_value(system, problem.driven), float).reshape(1)]
+        if poses and not problem.through(len(values[0]), poses):
+            low, high = problem.span(home_value(system, problem.driven), extra)
+            values.append(low + (high - low) * np.linspace(0.0, 1.0, poses))
+        motions = [problem.sweep(system, v) for v in values]
+        ways.append([(np.asarray(m.q), np.asarray(m.status), v) for m, v in zip(motions, values, strict=True)])
+    found, *turn = (
+        DesignPoses(q, status, values)
+        for way in zip(*ways, strict=True)
+        for q, status, values in [map(np.stack, zip(*way, strict=True))]
+    )
+    return found._replace(turn=turn[0]) if turn else found
 
 
 # -- errors, conditions, derivatives -----------------------------------------------------------------------------------

@@ -15,8 +15,8 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, repeat_drawing
 from jaxnc.synthesis.pytree import shapes
-from jaxnc.synthesis.statement import complete, set_up, turn_of
-from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
+from jaxnc.synthesis.statement import complete, set_up
+from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_array
@@ -108,11 +108,11 @@ class FunctionGeneration(Problem):
             raise InputError(f"{what}: {count} values of the input; give at least 3")
         table = as_sequence(values, count, f"{what}: values")
         wanted = as_sequence(target, count, f"{what}: target")
-        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
-        top = stated.system.topology
+        set_up(self, what, mechanism, input, free, bounds, subject_to, hold, table=table)
+        top = self.system.topology
         if not isinstance(output, str) and not callable(output):
             raise InputError(f"{what}: output is the name of a coordinate or a function of a motion, got {output!r}")
-        if output == stated.driven:
+        if output == self.driven:
             raise InputError(
                 f"{what}: output {output!r} is the input itself, which follows any table; name another coordinate"
             )
@@ -121,19 +121,18 @@ class FunctionGeneration(Problem):
             if output not in numbers:
                 known = (*top.coordinates, *numbers)
                 raise InputError(f"{what}: {top.name!r} has no coordinate {output!r}; {nearest(output, known)}")
-            shapes(_attitude_reader(output), repeat_drawing(stated, 1))  # says what it lacks
-        check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
-        turns = _is_angle(stated.system, output)
+            shapes(_attitude_reader(output), repeat_drawing(self, 1))  # says what it lacks
+        turn = 4 * np.pi if self.periodic else np.inf
+        check_radians(table, f"{what}: values", turn, "state one turn, which the others repeat")
+        turns = _is_angle(self.system, output)
         if turns:
             check_radians(wanted, f"{what}: target", 4 * np.pi, "leave out whole turns")
         names = ("input offset",) * bool(input_offset) + ("output offset",) * bool(output_offset)
         complete(
             self,
-            stated,
             extras=Extras(names, np.zeros(len(names))),
             size=float(np.ptp(wanted)) or 1.0,
             minimax=minimax,
-            dense=is_monotonic(table),
             output=output,
             values=table,
             target=wanted,
@@ -176,10 +175,6 @@ class FunctionGeneration(Problem):
         # The table's turns are not the drawing's; in one that jumps, as angles in (-pi, pi] do, each has its own.
         off = missed if self.jumps else missed[0]
         return missed - 2.0 * jnp.pi * jnp.round(off / (2.0 * jnp.pi))
-
-    @property
-    def error_shape(self) -> tuple[int, ...]:
-        return self.target.shape
 
     def guesses(self, rng: np.random.Generator, count: int) -> np.ndarray:
         # The output's offset is fitted to each start.

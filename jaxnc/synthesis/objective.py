@@ -21,9 +21,9 @@ from jaxnc.solvers.plan import plan
 from jaxnc.status import Status
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.evaluate import move_designs
-from jaxnc.synthesis.problem import Extras, Problem, home_value, make_motion
-from jaxnc.synthesis.statement import complete, set_up, turn_of
-from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians, is_monotonic
+from jaxnc.synthesis.problem import Problem, home_value, make_motion
+from jaxnc.synthesis.statement import complete, set_up
+from jaxnc.synthesis.validate import as_sequence, as_weights, call_on_motion, check_radians
 from jaxnc.system.system import System
 from jaxnc.types import Array, ArrayLike, Numbers
 from jaxnc.validate import as_array, as_real, call_user, function_name
@@ -87,19 +87,10 @@ class Objective(Problem):
         if not functions or not all(callable(f) for f in functions):
             raise InputError(f"{what}: residuals must be a function of a motion, or several, got {residuals!r}")
         share = as_weights(weights, len(functions), what)
-        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, None, table)
-        check_radians(table, f"{what}: values", turn_of(stated, False), "state one turn, which the others repeat")
-        complete(
-            self,
-            stated,
-            extras=Extras(),
-            size=1.0,
-            minimax=minimax,
-            dense=is_monotonic(table),
-            residuals=functions,
-            weights=tuple(share.tolist()),
-            values=table,
-        )
+        set_up(self, what, mechanism, input, free, bounds, subject_to, hold, table=table)
+        turn = 4 * np.pi if self.periodic else np.inf
+        check_radians(table, f"{what}: values", turn, "state one turn, which the others repeat")
+        complete(self, minimax=minimax, residuals=functions, weights=tuple(share.tolist()), values=table)
         found = _compiled_errors(self, move_designs(self, [self.start])[0].motion)
         if not found.size:
             raise InputError(f"{what}: the residuals are arrays of no numbers, and there is nothing to make small")
@@ -181,25 +172,12 @@ class Loss(Problem):
             raise InputError(
                 f"{what}: function must be a function of a system that returns one number, got {function!r}"
             )
-        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
-        complete(
-            self,
-            stated,
-            extras=Extras(),
-            size=1.0,
-            minimax=False,
-            dense=False,
-            weights=np.ones(1),
-            function=function,
-            random=_argument_count(function) == 2,
-        )
+        set_up(self, what, mechanism, input, free, bounds, subject_to, hold, travel)
+        complete(self, weights=np.ones(1), function=function, random=_argument_count(function) == 2)
 
     @property
     def unit(self) -> str:
         return ""
-
-    def reported_error(self, square: float) -> float:
-        return float(square)
 
     def inputs(self, extra: Numbers) -> Any:
         return np.asarray(home_value(self.system, self.driven)).reshape(1)

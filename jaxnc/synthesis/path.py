@@ -16,7 +16,7 @@ from jaxnc.mechanism import Mechanism
 from jaxnc.synthesis.clearance import refuse_enclosed
 from jaxnc.synthesis.conditions import Condition
 from jaxnc.synthesis.problem import Extras, Problem, array_module
-from jaxnc.synthesis.statement import compile_idea, complete, set_up, turn_of
+from jaxnc.synthesis.statement import compile_idea, complete, set_up
 from jaxnc.synthesis.validate import as_floats, as_points, as_timing, as_weights, check_name, check_radians
 from jaxnc.system.frames import quaternions
 from jaxnc.system.system import System
@@ -99,8 +99,9 @@ class PathGeneration(Problem):
                 weights that are not positive; whatever contradicts itself.
         """
         what = type(self).__name__
-        stated = set_up(what, mechanism, input, free, bounds, subject_to, hold, travel)
-        top = stated.system.topology
+        set_up(self, what, mechanism, input, free, bounds, subject_to, hold, travel)
+        top, (low, high) = self.system.topology, self.travel
+        turn = max(2 * np.pi, high - low) if top.is_angle(self.driven) else np.inf
         known = (*top.points, *(m.name for m in top.markers if not m.direction))
         check_name(point, known, f"{what}: {top.name!r} has no point {point!r}")
         places = top.dim * top.points.index(point) + np.arange(top.dim) if point in top.points else []
@@ -110,10 +111,10 @@ class PathGeneration(Problem):
         size = float(np.max(np.ptp(goal, axis=0)))
         if not size > 0:
             raise InputError(f"{what}: all target points are the same")
-        refuse_enclosed(what, stated.conditions, point, goal)
+        refuse_enclosed(what, self.conditions, point, goal)
         asked = None
         if timing is not None:
-            asked = as_timing(timing, len(goal), f"{what}: timing", turn_of(stated, True))
+            asked = as_timing(timing, len(goal), f"{what}: timing", turn)
         elif offset:
             raise InputError(
                 f"{what}: offset=True lets given timings count from a value that is free; give timing=, or leave out "
@@ -129,22 +130,20 @@ class PathGeneration(Problem):
                 f"{what}: either_sense=True lets the input run through given timings either way from a value that is "
                 f"free; give timing= and offset=True (free timings go either way by themselves)"
             )
-        home = float(stated.travel[0])
         if asked is None:
-            low, high = stated.travel
             span = high - low
             if not span > 0:
-                raise InputError(f"{what}: free timing needs the range of {stated.driven!r}: travel=(low, high)")
+                raise InputError(f"{what}: free timing needs the range of {self.driven!r}: travel=(low, high)")
             count = len(goal)
             fill = span * (count - 1) / count if closed else 0.8 * span
             names = ("timing of the first point", *(f"timing from point {k} to {k + 1}" for k in range(1, count)))
             first = np.append(low, np.full(count - 1, fill / (count - 1)))
             if start_timing is not None:
-                begun = as_timing(start_timing, count, f"{what}: start_timing", turn_of(stated, True), ordered)
+                begun = as_timing(start_timing, count, f"{what}: start_timing", turn, ordered)
                 first = np.append(begun[:1], np.diff(begun))
             extras = Extras(names, first)
         elif offset:
-            extras = Extras(("timing offset",), np.array([home - asked[0]]))
+            extras = Extras(("timing offset",), np.array([low - asked[0]]))
         else:
             extras = Extras()
         if either_sense:
@@ -152,11 +151,10 @@ class PathGeneration(Problem):
         extras = extras.join(self._frame(top.dim))
         complete(
             self,
-            stated._replace(length=size),
             extras=extras,
             size=size,
+            length=size,
             minimax=minimax,
-            dense=False,
             weights=as_weights(weights, len(goal), what),
             point=point,
             target=goal,
@@ -193,10 +191,6 @@ class PathGeneration(Problem):
         if self.whole or self.timing is not None:
             return super().rule
         return "order and range of the timings", "meets the targets out of order, or beyond the range of the input"
-
-    @property
-    def error_shape(self) -> tuple[int, ...]:
-        return self.target.shape
 
     def own(self, extra: Array) -> Array:
         if self.timing is not None:
@@ -343,10 +337,6 @@ class MotionGeneration(PathGeneration):
     def _frame(self, dim: int) -> Extras:
         names = ("turn of the frame",) if dim == 2 else tuple(f"turn of the frame about {axis}" for axis in "xyz")
         return Extras(names, np.zeros(len(names)))
-
-    @property
-    def error_shape(self) -> tuple[int, ...]:
-        return len(self.target), (3 if self.system.topology.dim == 2 else 12)
 
     @property
     def own_turns(self) -> int:

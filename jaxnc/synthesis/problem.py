@@ -39,7 +39,6 @@ from jaxnc.types import AnyArray, Array, Numbers
 if TYPE_CHECKING:
     from jaxnc.synthesis.search.planar import PlanarFit
     from jaxnc.synthesis.search.spatial import Spatial
-    from jaxnc.synthesis.statement import Statement
 
 
 _P = TypeVar("_P", bound="Problem")
@@ -410,7 +409,7 @@ def array_module(*values: object) -> ModuleType:
     return jnp if any(isinstance(v, (jax.Array, Tracer)) for v in values) else np
 
 
-def repeat_drawing(problem: "Problem | Statement", count: int) -> Motion:
+def repeat_drawing(problem: Problem, count: int) -> Motion:
     """A motion whose poses are all the drawing."""
     home = np.asarray(derive(problem.system).home)
     poses: AnyArray = np.broadcast_to(home, (count, len(home)))
@@ -419,7 +418,7 @@ def repeat_drawing(problem: "Problem | Statement", count: int) -> Motion:
 
 
 def make_motion(
-    problem: "Problem | Statement", system: System, q: AnyArray, status: AnyArray, values: AnyArray, quality: AnyArray
+    problem: Problem, system: System, q: AnyArray, status: AnyArray, values: AnyArray, quality: AnyArray
 ) -> Motion:
     """Make a motion of a design from poses ``(T, N)`` with their status, inputs, and residuals, each ``(T,)``.
 

@@ -87,13 +87,9 @@ def take(record: _T, at: Any) -> _T:
     return jax.tree.map(lambda rows: rows[at], record)
 
 
+_jitted = functools.cache(jax.jit)
+
+
 def shapes(f: Callable, *given: object) -> PyTree:
     """Shapes of what a pure function of pytrees returns; it is traced once for their structure."""
-    leaves, structure = jax.tree.flatten(given)
-    return _cached_shapes(f, structure, tuple((np.shape(x), getattr(x, "dtype", np.dtype(float))) for x in leaves))
-
-
-@functools.lru_cache(maxsize=1024)
-def _cached_shapes(f: Callable, structure: object, kinds: tuple[tuple[tuple[int, ...], np.dtype], ...]) -> PyTree:
-    leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
-    return jax.eval_shape(lambda *x: f(*jax.tree.unflatten(structure, x)), *leaves)
+    return _jitted(f).eval_shape(*given)

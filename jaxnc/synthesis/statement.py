@@ -1,7 +1,7 @@
 """The part of a problem's statement that all kinds share: names, bounds and conditions, checked and completed."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,23 +15,9 @@ from jaxnc.solvers.plan import plan
 from jaxnc.synthesis.conditions import LARGE, Condition, Equal, Length, Links, Own, Size
 from jaxnc.synthesis.evaluate import move_designs
 from jaxnc.synthesis.loops import four_bar_loop, ground_points, links
-from jaxnc.synthesis.problem import Problem, Variables, home_value
+from jaxnc.synthesis.problem import Extras, Problem, Variables, home_value
 from jaxnc.synthesis.validate import as_interval, as_names, check_name, check_radians
 from jaxnc.system.system import System, characteristic_length, drivable
-
-
-class Statement(NamedTuple):
-    """Fields of a `Problem` that all kinds of problems have in common, checked and completed."""
-
-    system: System
-    driven: str
-    variables: Variables
-    conditions: tuple[Condition, ...]
-    hold: tuple[str, ...]
-    travel: tuple[float, float]
-    whole: bool
-    length: float
-    mechanism: Mechanism | None
 
 
 def check_lengths(what: str, system: System, driven: str, conditions: Sequence[Condition]) -> None:
@@ -95,24 +81,9 @@ def check_spans(what: str, system: System, driven: str, hold: Sequence[str], con
                 )
 
 
-def turn_of(stated: Statement, beyond: bool) -> float:
-    """How far values of the input may go, radians: a turn of an angle, or its travel; infinite if it is none.
-
-    `beyond` says whether its travel may be given; if not, it is two turns of an angle that nothing else depends on.
-    """
-    top, driven = stated.system.topology, stated.driven
-    if driven not in top.scalars:
-        return np.inf
-    k = top.scalars.index(driven)
-    if not (top.angles[k] if beyond else top.periodic[k]):
-        return np.inf
-    low, high = stated.travel
-    return max(2 * np.pi, high - low) if beyond else 4 * np.pi
-
-
-def complete(problem: Problem, stated: Statement, **fields: object) -> None:
-    """Give a problem its fields; refuse conditions of the user's own that are not finite for the starting idea."""
-    vars(problem).update(stated._asdict() | fields)
+def complete(problem: Problem, **fields: object) -> None:
+    """Give a problem fields of its own kind; refuse a user's conditions that are not finite for the starting idea."""
+    vars(problem).update(fields)
     if not problem.at_rest:
         vars(problem).update(conditions=(*problem.conditions, *_link_limits(problem)))
     if not any(isinstance(c, Own) for c in problem.conditions):
@@ -167,10 +138,7 @@ _compiled_met = jit(Problem.condition_values)
 
 
 def choose_variables(
-    system: System,
-    free: Sequence[str] | None = None,
-    bounds: Mapping[str, Sequence] | None = None,
-    what: str = "problem",
+    what: str, system: System, free: Sequence[str] | None, bounds: Mapping[str, Sequence]
 ) -> Variables:
     """Choose design variables.
 
@@ -195,7 +163,7 @@ def choose_variables(
     scale = np.where(at < drawn, size, np.maximum(np.abs(home), 1e-3 * size))
     scale = np.where([k < drawn and every[k][2] == "rad" for k in at], 1.0, scale)  # unit vectors have no size
     low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
-    for name, pair in (bounds or {}).items():
+    for name, pair in bounds.items():
         places = [i for i, k in enumerate(at) if name in every[k][:2]]
         if not places:
             check_name(name, known, f"{what}: bounds for {name!r}, which is no design variable")
@@ -219,6 +187,7 @@ def _is_row(value: Any) -> bool:
 
 
 def set_up(
+    problem: Problem,
     what: str,
     mechanism: Mechanism | System,
     driven: str | None,
@@ -226,10 +195,10 @@ def set_up(
     bounds: Mapping[str, object] | None,
     subject_to: Sequence[Condition] | Condition,
     hold: Sequence[str],
-    travel: tuple[float, float] | None,
-    given: Sequence[float] | np.ndarray = (),
-) -> Statement:
-    """Check and complete what all problems have in common; `given` are values of the input, where they are known."""
+    travel: tuple[float, float] | None = None,
+    table: np.ndarray | None = None,
+) -> None:
+    """Give a problem the fields that all kinds have, checked; a `table` has values of the input in order."""
     description = mechanism if isinstance(mechanism, Mechanism) else None
     system = compile_idea(what, mechanism)
     top = system.topology
@@ -254,7 +223,7 @@ def set_up(
             lengths.append(Length(start, end, low, high))
         else:
             box[name] = pair
-    found = choose_variables(system, free, box, what)
+    variables = choose_variables(what, system, free, box)
     wanted = (subject_to,) if isinstance(subject_to, Condition) else subject_to
     if not isinstance(wanted, Sequence) or isinstance(wanted, str):
         raise InputError(f"{what}: subject_to= takes a list of conditions such as crank_turns(), got {wanted!r}")
@@ -264,10 +233,12 @@ def set_up(
     conditions = tuple(c.prepare(system, driven) for c in (*wanted, *lengths))
     check_spans(what, system, driven, hold, conditions)
     check_lengths(what, system, driven, conditions)
-    if travel is None and len(given):
-        travel = (float(np.min(given)), float(np.max(given)))
+    turning = driven in top.scalars and bool(top.periodic[top.scalars.index(driven)])
+    dense = False
+    if table is not None:
+        travel, steps = (float(np.min(table)), float(np.max(table))), np.diff(table)
+        dense = bool((steps > 0).all() or (steps < 0).all())
     elif travel is None:
-        turning = driven in top.scalars and bool(top.periodic[top.scalars.index(driven)])
         home = float(home_value(system, driven))
         travel = (home, home + 2 * np.pi) if turning else (home, home)
         if not turning and any(c.over_range for c in conditions):
@@ -279,5 +250,18 @@ def set_up(
             check_radians(np.array(travel), f"{what}: travel", 40 * np.pi, "state fewer turns")
     whole = bool(np.isclose(travel[1] - travel[0], 2 * np.pi))
     conditions = tuple(c.over_turn(system, driven) for c in conditions) if whole else conditions
-    length = float(characteristic_length(system.parameters.points))
-    return Statement(system, driven, found, conditions, hold, travel, whole, length, description)
+    vars(problem).update(
+        system=system,
+        driven=driven,
+        variables=variables,
+        extras=Extras(),
+        conditions=conditions,
+        hold=hold,
+        travel=travel,
+        whole=whole,
+        size=1.0,
+        length=float(characteristic_length(system.parameters.points)),
+        minimax=False,
+        dense=dense,
+        mechanism=description,
+    )

@@ -133,11 +133,6 @@ def as_names(values: object, what: str) -> list[str]:
     return some
 
 
-def is_monotonic(values: np.ndarray) -> bool:
-    """Tell whether numbers rise, or fall, from each to the next."""
-    return bool((np.diff(values) > 0).all() or (np.diff(values) < 0).all())
-
-
 def as_interval(pair: Any, what: str) -> tuple[float, float]:
     """Check a pair (low, high), None for no bound."""
     try:

@@ -17,7 +17,6 @@ import contextlib
 import dataclasses
 import itertools
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -107,10 +106,9 @@ def find_stationary(
         place = about + off * origin
         unit, middle = np.sqrt(np.mean(np.abs(place) ** 2)), shift.mean() + origin * (1.0 + change.mean())
         z = bars[:, 0] * first - origin
-        found = _solve_about(change, place, unit, seed, np.stack([z + middle - bars[:, 1], z]))
-        w, z = found.real
-        bars, proved = np.stack([(z + origin) / first, z - w + middle], axis=1), found.proved
-        complex_points, agreed = found.others, agreed + 1 if found.complete else 0
+        begin = np.stack([z + middle - bars[:, 1], z])
+        (w, z), proved, complex_points, complete = _solve_about(change, place, unit, seed, begin)
+        bars, agreed = np.stack([(z + origin) / first, z - w + middle], axis=1), agreed + 1 if complete else 0
         if agreed == 2:  # one way alone may not show a pivot that is far away
             break
     about = turn - 1.0, shift - shift[0]
@@ -118,17 +116,15 @@ def find_stationary(
     return bars, minima, proved, complex_points, agreed > 0
 
 
-class _Ends(NamedTuple):
-    """Where paths have ended."""
+def _solve_about(
+    change: np.ndarray, place: np.ndarray, unit: float, seed: int, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int, bool]:
+    """Solve for bars ``w + change z + place``, of poses whose places are about zero and some units large.
 
-    real: np.ndarray  # w and z of the real ones, and of those that were known
-    proved: np.ndarray
-    others: int  # how many are complex
-    complete: bool  # whether the paths found all of these, and every other path went to infinity
-
-
-def _solve_about(change: np.ndarray, place: np.ndarray, unit: float, seed: int, known: np.ndarray) -> _Ends:
-    """Solve for bars ``w + change z + place``, of poses whose places are about zero and some units large."""
+    Returns:
+        w and z of the real ones, those known among them; which are proved; how many others are complex; and whether
+        the paths found all of these, and every other path went to infinity.
+    """
     conj = np.conj
     wide = np.sqrt(np.mean(np.abs(change) ** 2))  # by so much the body turns: circle points are so much farther away
     d, s = change / wide, place / unit
@@ -168,7 +164,7 @@ def _solve_about(change: np.ndarray, place: np.ndarray, unit: float, seed: int, 
     w, z = real[0] + 1j * real[1], real[2] + 1j * real[3]
     product = conj(w) * z
     proved = certify(t, np.concatenate([real, [np.real(product), np.imag(product), abs(z) ** 2]])).proved
-    return _Ends(np.stack([w, z / wide]) * unit, proved, others, complete)
+    return np.stack([w, z / wide]) * unit, proved, others, complete
 
 
 def _improve_real(d: np.ndarray, s: np.ndarray, start: np.ndarray) -> np.ndarray | None:

@@ -171,12 +171,9 @@ class FollowedDesigns(Listed[D]):
         return "\n  ".join(lines)
 
 
-# -- linkages through points -------------------------------------------------------------------------------------------
-
+# -- equations and paths of solutions ----------------------------------------------------------------------------------
 
 _NONE = np.zeros((2, 1, 1)), np.zeros((2, 1, 1))  # of the pivots is known
-
-# -- equations and paths of solutions ----------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)

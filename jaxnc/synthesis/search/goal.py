@@ -9,7 +9,6 @@ objectives. They are numbers that a compiled program is given, so that one progr
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -139,17 +138,16 @@ class Goal(Leaves):
         own = self.problem.equalities
         return np.append(own, np.zeros(self.shape[1] - len(own), dtype=bool))
 
-    def evaluate(self, x: Array, moves: Any = None, arguments: Any = None) -> Evaluation:
+    def evaluate(self, x: Array, moves: tuple[Motion, Motion | None], given: Array) -> Evaluation:
         """Errors and conditions of a vector of unknowns; pure.
 
         Args:
             x: the unknowns.
-            moves: the motions through the targets and over the range, if they are known.
-            arguments: the arguments, those of the beginning if not given.
+            moves: the motions through the targets and over the range.
+            given: the arguments.
         """
-        problem, given = self.problem, self.arguments if arguments is None else arguments
+        problem = self.problem
         x, height = x[: problem.count], x[-1]
-        moves = problem.moves(x) if moves is None else moves
         seen = problem.evaluate(x, moves)
         errors, conditions = seen.errors, seen.conditions
         if self.stocks:

@@ -204,7 +204,6 @@ class Refinement:
         self.queue: list[np.ndarray] = []
         self.found: list[tuple[float, np.ndarray]] = []
         self.done = self.broken = self.unfit = 0
-        self.lanes: LaneState | None = None
         self.given = np.repeat(goal.arguments[None], self.width, axis=0)
         self.live = np.zeros(self.width, dtype=bool)
         self.spent = np.zeros(self.width, dtype=int)
@@ -216,6 +215,8 @@ class Refinement:
         self.reached = False
         self.spoilt: np.ndarray | None = None
         self.shape, self.equal = goal.shape, goal.equalities
+        x = np.broadcast_to(goal.start / self.scale, (self.width, goal.count))
+        self.lanes = waiting(x, *self.shape)._replace(settled=np.ones(self.width, bool))
         # Rows that tell whether an unknown changes anything; how long links are is of no matter by itself.
         own = np.repeat([not isinstance(c, Links) for c in goal.problem.conditions], goal.problem.counts)
         self.telling = np.ones(sum(self.shape), bool)
@@ -227,8 +228,8 @@ class Refinement:
         for first in range(0, len(x), self.width):
             at, n = np.minimum(np.arange(first, first + self.width), len(x) - 1), self.goal.count
             unknowns, self.given = x[at, :n], x[at, n:]
-            self.lanes = lanes = self._advance(waiting(unknowns / self.scale, *self.shape), 1)
-            square, far = self._state()
+            lanes = self._advance(waiting(unknowns / self.scale, *self.shape), 1)
+            square, far = self._state(lanes)
             good = square < 1e10
             if self.spoilt is None and lanes.broken.any():
                 self.spoilt = unknowns[np.argmax(lanes.broken)]
@@ -240,7 +241,6 @@ class Refinement:
             self.moving |= np.any(np.abs(lanes.slopes[good][:, self.telling]) > 1e-12, axis=(0, 1))
             # a condition's violation weighs 10 times an error
             out.append(np.where(good, square + 10.0 * far**2, np.inf))
-        self.lanes = None
         return np.concatenate(moved)[: len(x)], np.concatenate(out)[: len(x)]
 
     def suit(self, x: np.ndarray, held: int) -> np.ndarray:
@@ -252,15 +252,14 @@ class Refinement:
         low[:, :held] = high[:, :held] = start[:, :held]
         begin = waiting(start, *self.shape)._replace(settled=np.arange(len(at)) >= len(some))
         # 20 iterations in which an idea gets what suits it
-        self.lanes = lanes = self._advance(begin, 20 if held < n else 1, (low, high))
-        square, far = self._state()
+        lanes = self._advance(begin, 20 if held < n else 1, (low, high))
+        square, far = self._state(lanes)
         rows = np.concatenate([lanes.x * self.scale, self.given], axis=1)[: len(some)]
         rows[:, :held] = some[:, :held]
         good = np.flatnonzero((far <= MEETS) & (square < 1e10))
         if len(good):
             best = good[np.argmin(square[good])]
             self.found.append((float(square[best]), rows[best]))
-        self.lanes = None
         return rows
 
     @property
@@ -272,9 +271,7 @@ class Refinement:
     def best(self) -> float:
         """The least square of a design that meets the conditions, finished or not."""
         out = min((e for e, _ in self.found), default=np.inf)
-        if self.lanes is None:
-            return out
-        square, far = self._state()
+        square, far = self._state(self.lanes)
         return float(np.min(square[self.live & (far <= MEETS)], initial=out))
 
     @property
@@ -286,9 +283,6 @@ class Refinement:
         """Give free lanes to the next starts; False when there is nothing left to do."""
         free = np.flatnonzero(~self.live)
         some, self.queue = self.queue[: len(free)], self.queue[len(free) :]
-        if self.lanes is None:
-            x = np.broadcast_to(self.goal.start / self.scale, (self.width, self.goal.count))
-            self.lanes = waiting(x, *self.shape)._replace(settled=np.ones(self.width, bool))
         if some:
             at = free[: len(some)]
             n, rows = self.goal.count, np.stack(some)
@@ -303,11 +297,10 @@ class Refinement:
 
         While others wait, lanes without prospect of the least square so far (`best`) are taken out too.
         """
-        assert self.lanes is not None
         each = 20  # iterations between looks at the lanes
         self.lanes = lanes = self._advance(self.lanes, each)
         self.spent[self.live] += each
-        square, far = self._state()
+        square, far = self._state(lanes)
         merit = square + far
         self.poor = np.where(merit < 0.9 * self.last, 0, self.poor + 1)
         still = (far <= MEETS) & (np.abs(merit - self.last) <= self.still * merit)
@@ -324,8 +317,7 @@ class Refinement:
 
     def stop(self) -> None:
         """Take out all lanes as they are."""
-        if self.lanes is not None:
-            self._take_out(self.live.copy())
+        self._take_out(self.live.copy())
 
     def run(self) -> list[tuple[float, np.ndarray]]:
         """Go on until nothing is left to do; the designs, best first."""
@@ -337,7 +329,6 @@ class Refinement:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Write everything that decides how it goes on, as arrays by name."""
-        assert self.lanes is not None
         far, x = self.nearest or (np.inf, np.zeros(0))
         n = len(self.goal.row)
         own = {name: np.asarray(getattr(self, name)) for name in _KEPT}
@@ -368,16 +359,14 @@ class Refinement:
         low, high = bounds or (goal.low / scale, goal.high / scale)
         return advance(look, lanes, self.equal, low, high, count)
 
-    def _state(self) -> tuple[np.ndarray, np.ndarray]:
+    def _state(self, lanes: LaneState) -> tuple[np.ndarray, np.ndarray]:
         """Squares of the errors, and largest violations, of all lanes."""
-        assert self.lanes is not None
-        far = violation(self.lanes.conditions, self.equal)
-        return np.sum(self.lanes.errors**2, axis=1), np.max(far, axis=1, initial=0.0)
+        far = violation(lanes.conditions, self.equal)
+        return np.sum(lanes.errors**2, axis=1), np.max(far, axis=1, initial=0.0)
 
     def _take_out(self, over: np.ndarray) -> None:
-        assert self.lanes is not None
         at = np.flatnonzero(over)
-        square, far = self._state()
+        square, far = self._state(self.lanes)
         x = np.concatenate([self.lanes.x * self.scale, self.given], axis=1)
         self.live[at] = False
         self.done += len(at)

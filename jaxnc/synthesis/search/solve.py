@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import numpy as np
@@ -40,18 +40,6 @@ from jaxnc.synthesis.validate import as_seed, as_time_limit, check_counts, check
 from jaxnc.types import Array
 
 
-class Resumable(Protocol):
-    """A search that can be kept: everything that decides how it goes on, as arrays by name."""
-
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        """Write the state as arrays."""
-        ...
-
-    def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Go back to what `to_arrays` returned."""
-        ...
-
-
 class SavedSearch:
     """A search's history, the time it has, and the file that it is kept in."""
 
@@ -74,8 +62,8 @@ class SavedSearch:
                 raise InputError(f"checkpoint={str(self.path)!r} is a folder; name a file in it")
             target.folder(Path(self.path).parent)
 
-    def resume(self, path: str | Path, run: Resumable) -> None:
-        """Bring a search to where it was saved; it is kept in the same file unless it has another one."""
+    def resume(self, path: str | Path) -> dict[str, np.ndarray]:
+        """Return the state of a search that was saved, which is kept in the same file unless it has another one."""
         from jaxnc.io.target import read_archive
 
         arrays = read_archive(path, "a file that a search with checkpoint= wrote")
@@ -89,14 +77,17 @@ class SavedSearch:
             if name == "numbers":
                 raise InputError(f"{path} is a search for {begun['problem']} with other targets, bounds or conditions")
             raise InputError(f"{path} was begun with {name} = {begun.get(name)}; it cannot go on with {value}")
-        run.restore(arrays)
         self.history = [Progress(float(s), int(n), float(e)) for s, n, e in arrays["history"]]
         spent = self.history[-1].seconds if self.history else 0.0
         self.begun, self.limit = self.begun - spent, self.limit + spent
         self.path = path if self.path is None else self.path
+        return arrays
 
-    def save(self, run: Resumable, every: float = 0.0) -> None:
-        """Write a search between two rounds, if it has a file, unless that was done in the last `every` seconds."""
+    def save(self, state: Callable[[], dict[str, np.ndarray]], every: float = 0.0) -> None:
+        """Write a search between two rounds, if it has a file, unless that was done in the last `every` seconds.
+
+        Its state is everything that decides how it goes on, as arrays by name.
+        """
         if self.path is None or time.perf_counter() - self.kept < every:
             return
         from jaxnc.io import target
@@ -104,7 +95,7 @@ class SavedSearch:
         out = io.BytesIO()
         rows = np.array([tuple(row) for row in self.history], dtype=float).reshape(-1, 3)
         terms = np.array(json.dumps(self.terms))
-        np.savez(out, **run.to_arrays(), history=rows, terms=terms)  # pyright: ignore[reportArgumentType]
+        np.savez(out, **state(), history=rows, terms=terms)  # pyright: ignore[reportArgumentType]
         target.write(self.path, out.getvalue())
         self.kept = time.perf_counter()
 
@@ -279,9 +270,9 @@ def solve(
             if resume is None:
                 run.queue = starting_rows(free, run, starts, refine, np.random.default_rng(seed))
             else:
-                course.resume(resume, run)
+                run.restore(course.resume(resume))
             if course.path is not None and run.more():  # what was screened is kept before the first round is over
-                course.save(run)
+                course.save(run.to_arrays)
     except KeyboardInterrupt:
         return Result(problem, (), (), 0, 0, 0, None, f"{_INTERRUPTED} before the first designs were refined")
     # mean square of the divided errors: what is left is rounding, or that of the targets
@@ -296,7 +287,7 @@ def solve(
                 run.go(best)
                 best = min(best, run.best)
                 error = course.note(run.done, best)
-                course.save(run)
+                course.save(run.to_arrays)
                 stopped = course.out_of_time
                 if not stopped and error <= enough:
                     stopped = f"stopped at enough={enough:g}" if run.busy else ""

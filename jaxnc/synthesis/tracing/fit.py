@@ -150,7 +150,7 @@ def match_points(lanes: Lanes, target: Target) -> tuple[Array, Array]:
         span = jnp.where(closed, 2.0 * jnp.pi, row[-1])
         angles = row[-2] + span * jnp.arange(COUNT) / pieces
         here = _put(row, move(chain, sign, row[:-6], angles, go).point).T
-        at, part, *_ = _nearest(target.points, here, closed)
+        at, part, _, _ = _nearest(target.points, here, closed)
         passing = jnp.where(target.timed > 0, row[-2] + target.timing, angles[0] + (at + part) * span / pieces)
         foot = _nearest(here, target.points, closed)[2]
         return jnp.concatenate([passing, angles]), jnp.concatenate([target.points, foot])
@@ -295,7 +295,7 @@ def _look(
     here = _put(row, seen.point)
 
     # Feet of the corners on the curve, for which a cubic through four poses stands.
-    at, part, *_ = _nearest(target.points, here.T, closed)
+    at, part, _, _ = _nearest(target.points, here.T, closed)
     first = jnp.where(closed, at - 1, jnp.clip(at - 1, 0, COUNT - 4))
     index = (first[:, None] + jnp.arange(4)) % COUNT
     along, at_limit = _find_feet(here[:, index], goal, at - first, part, closed)
@@ -366,7 +366,7 @@ def _look(
     corner_slopes = jnp.sum(moved[:, :, index] * (normal[:, :, None] * basis), axis=(1, 3))
 
     # Distances of the poses from the polyline of the target: across a piece, or from a corner.
-    _, _, foot, tangent, _ = _nearest(place.T, target.points, closed)
+    _, _, foot, tangent = _nearest(place.T, target.points, closed)
     off = jnp.where(timed, gap, place - foot.T)
     other = jnp.where(timed, y, _across(tangent.T, off, jnp.sum(off**2, axis=0) > 1e-20))
     pose_slopes = jnp.sum(moved * other, axis=1)
@@ -479,7 +479,7 @@ def _beyond(chain: ChainArrays, row: Array, target: Target) -> tuple[Array, Arra
     return jnp.sum(value**2), jacobian.T @ jacobian, jacobian.T @ value
 
 
-def _nearest(of: Array, corners: Array, closed: Array) -> tuple[Array, Array, Array, Array, Array]:
+def _nearest(of: Array, corners: Array, closed: Array) -> tuple[Array, Array, Array, Array]:
     """Nearest points of a polyline.
 
     Args:
@@ -488,22 +488,20 @@ def _nearest(of: Array, corners: Array, closed: Array) -> tuple[Array, Array, Ar
         closed: whether the last one is joined to the first.
 
     Returns:
-        The piece from a corner to the next, which share of it lies behind, the nearest point, the direction there, and
-        whether an end of an open polyline is nearest; the first axis is that of the points.
+        The piece from a corner to the next, which share of it lies behind, the nearest point, and the direction there;
+        the first axis is that of the points.
     """
     last = len(corners) - 1
     piece = jnp.roll(corners, -1, axis=0) - corners
     piece = jnp.where((closed | (jnp.arange(last + 1) < last))[:, None], piece, 0.0)
     square = jnp.sum(piece**2, axis=1)
     off_x, off_y = (of[:, k, None] - corners[:, k] for k in range(2))
-    share = (off_x * piece[:, 0] + off_y * piece[:, 1]) / jnp.where(square > 0, square, 1.0)
-    part = jnp.clip(share, 0.0, 1.0)
+    part = jnp.clip((off_x * piece[:, 0] + off_y * piece[:, 1]) / jnp.where(square > 0, square, 1.0), 0.0, 1.0)
     apart = (off_x - part * piece[:, 0]) ** 2 + (off_y - part * piece[:, 1]) ** 2
     apart = jnp.where(square > 0, apart, jnp.inf)
     at = jnp.argmin(apart, axis=1)
-    share, part = (jnp.take_along_axis(a, at[:, None], axis=1)[:, 0] for a in (share, part))
-    beyond = ~closed & (((at == 0) & (share < 0.0)) | ((at == last - 1) & (share > 1.0)))
-    return at, part, corners[at] + part[:, None] * piece[at], piece[at], beyond
+    part = jnp.take_along_axis(part, at[:, None], axis=1)[:, 0]
+    return at, part, corners[at] + part[:, None] * piece[at], piece[at]
 
 
 def _across(tangent: Array, gap: Array, whole: Array) -> Array:

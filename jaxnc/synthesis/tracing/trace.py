@@ -160,19 +160,9 @@ class Curve(NamedTuple):
             weight = np.where(np.arange(COUNT) < count, 1.0 / count, 0.0)
         if self.timing is not None:
             when[: len(which)] = self.timing[which]
-        numbers = (
-            float(self.closed),
-            float(both),
-            float(mean),
-            sine,
-            longest,
-            when,
-            float(self.timing is not None),
-            ground,
-            CLOSING,
-        )
-        some: Any = map(jnp.asarray, (points, weight, *numbers))
-        return Target(*some)._replace(walls=walls)
+        ways = map(float, (self.closed, both, mean))
+        asked = sine, longest, when, float(self.timing is not None), ground, CLOSING
+        return Target(*map(jnp.asarray, (points, weight, *ways, *asked)), walls=walls)
 
 
 def _thin(count: int, most: int) -> np.ndarray:
@@ -502,10 +492,12 @@ def trace(
                 designs = [float(np.abs(shelf.design).sum()) for shelf in known.shelves.values()]
                 numbers = (*target, *terms, *designs, *(only or ()), sliders)
                 course.set_common(numbers, bars=list(wanted), key=list(seed))
-            run = _Run(searches)
             if resume is not None:
-                course.resume(resume, run)
-            stopped = _search(run, course, progress)
+                kept = course.resume(resume)
+                for search in searches:
+                    own = f"{search.bars}_"
+                    search.restore({name.removeprefix(own): a for name, a in kept.items() if name.startswith(own)})
+            stopped = _search(searches, course, progress)
     except KeyboardInterrupt:
         stopped = f"interrupted after {course.seconds:.3g} s{course.hint}"
     found = _judge(target, terms, searches, keep, stopped.startswith("interrupted"))
@@ -796,48 +788,36 @@ def _choose(rng: np.random.Generator, count: int, among: int) -> np.ndarray:
     return np.minimum(rng.geometric(0.06, count) - 1, among - 1)
 
 
-class _Run(NamedTuple):
-    """All searches of a target."""
-
-    searches: list[_Search]
-
-    def to_arrays(self) -> dict[str, np.ndarray]:
-        """Write the state as arrays."""
-        return {f"{s.bars}_{name}": array for s in self.searches for name, array in s.to_arrays().items()}
-
-    def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Go back to what `to_arrays` returned."""
-        for s in self.searches:
-            own = f"{s.bars}_"
-            s.restore({name.removeprefix(own): array for name, array in arrays.items() if name.startswith(own)})
-
-
-def _search(run: _Run, course: SavedSearch, progress: bool | None) -> str:
+def _search(searches: list[_Search], course: SavedSearch, progress: bool | None) -> str:
     """Let searches go on in turns until time is over or a design is exact."""
-    course.save(run)  # what was looked up, should there be no time for a round
+
+    def state() -> dict[str, np.ndarray]:
+        return {f"{s.bars}_{name}": array for s in searches for name, array in s.to_arrays().items()}
+
+    course.save(state)  # what was looked up, should there be no time for a round
     with bar(None, "trace", "round", progress) as shown:
         while True:
-            best = min(run.searches, key=lambda s: s.best)
+            best = min(searches, key=lambda s: s.best)
             told = f"best {best.best:.2g} of the curve's size, {best.bars} bars"
             shown.set_postfix_str(told if best.rounds else f"{told}, as in the atlas")
-            exact = next((s for s in run.searches if s.exact is not None), None)
+            exact = next((s for s in searches if s.exact is not None), None)
             if exact is not None:
                 return f"stopped at linkages of {exact.bars} bars that meet all points"
             # What comes last takes time too.
-            counts = zip(run.searches, _counts_last(run.searches), strict=True)
+            counts = zip(searches, _counts_last(searches), strict=True)
             left = course.limit - course.seconds - sum(count * _STEPS[2] * s.pace for s, count in counts)
             # Linkages of four bars are looked through soon; those of eight are many. Who is left behind waits longer.
-            far = {s.bars: 4.0 if s.rounds > 6 and s.best > 2.0 * best.best else 1.0 for s in run.searches}
-            search = min(run.searches, key=lambda s: s.rounds * far[s.bars] / _TURNS[s.bars])
+            far = {s.bars: 4.0 if s.rounds > 6 and s.best > 2.0 * best.best else 1.0 for s in searches}
+            search = min(searches, key=lambda s: s.rounds * far[s.bars] / _TURNS[s.bars])
             # A round is begun if half of it is sure to fit, by the last one, or the longest of the others.
-            if left <= 0.5 * (search.took or max(s.took for s in run.searches)):
+            if left <= 0.5 * (search.took or max(s.took for s in searches)):
                 return f"stopped after {course.seconds:.3g} s{course.hint}"
             begun = course.seconds
             search.round()
             search.took = course.seconds - begun
             shown.update()
-            course.history.append(Progress(course.seconds, sum(s.refined for s in run.searches), search.best))
-            course.save(run)
+            course.history.append(Progress(course.seconds, sum(s.refined for s in searches), search.best))
+            course.save(state)
 
 
 def _counts_last(searches: list[_Search]) -> list[int]:
