@@ -23,6 +23,7 @@ from jaxnc.system.equations import Equations
 from jaxnc.system.host import from_jax
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import program
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array, PyTree
 
 PIECE = 12_000
@@ -196,15 +197,7 @@ def ask_of_equations(
     `f` takes `HostEquations` and NumPy arrays, and returns one of the shape. The equations are of one design, or of
     many by a first axis.
     """
-    top = eq.topology
-    for kind in dict.fromkeys(block.kind for block in top.blocks):
-        for which in ("residual", "guard"):
-            if getattr(kind, which) is not None and program(kind, which, top.dim) is None:
-                raise InputError(
-                    f"constraint kind {kind.name!r} cannot be read as a straight line of NumPy's operations, and large "
-                    f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
-                    f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
-                )
+    refuse_unreadable(eq.topology)
 
     def answer(eq: Equations, *given: np.ndarray) -> np.ndarray:
         return np.asarray(f(from_jax(eq), *given), eq.home.dtype)
@@ -214,3 +207,15 @@ def ask_of_equations(
 
     like = jax.ShapeDtypeStruct(shape, eq.home.dtype)
     return ask_host(doing, like, answer, shorten_equations(eq), *arrays, given_up=nothing, remedy="")
+
+
+def refuse_unreadable(top: Topology) -> None:
+    """Refuse a large system with a kind that NumPy cannot evaluate."""
+    for kind in dict.fromkeys(block.kind for block in top.blocks):
+        for which in ("residual", "guard"):
+            if getattr(kind, which) is not None and program(kind, which, top.dim) is None:
+                raise InputError(
+                    f"constraint kind {kind.name!r} cannot be read as a straight line of NumPy's operations, and large "
+                    f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
+                    f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
+                )
