@@ -481,10 +481,9 @@ def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, a
     """
     like = jax.ShapeDtypeStruct((len(asked), len(plan.unknown) + len(plan.known) + 3, asked.shape[1]), q.dtype)
     answer, nothing = functools.partial(_follow_lanes, plan, method), functools.partial(_give_up, like)
-    doing, remedy = "followed poses that compiled code had not found", "; repair=False does without it"
-    if plan.large:
-        doing, remedy = "followed poses of a large system", ""
-    return ask_host(doing, like, answer, eq, q, last, asked, good, given_up=nothing, remedy=remedy)
+    which = "of a large system" if plan.large else "that compiled code had not found"
+    given = eq, q, last, asked, good
+    return ask_host(f"followed poses {which}", like, answer, *given, given_up=nothing, large=plan.large)
 
 
 def _give_up(like: PyTree, *_: object) -> np.ndarray:
