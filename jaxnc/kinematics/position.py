@@ -721,8 +721,8 @@ def _complete_by_xla(
         def answer(eq: Equations, q: np.ndarray) -> np.ndarray:
             return _complete_on_host(top, sure, given, from_jax(eq), q).astype(q.dtype)
 
-        like, given = jax.ShapeDtypeStruct(q.shape, q.dtype), (shorten_equations(eq), q)
-        return ask_host("completed a start", like, answer, *given, given_up=lambda _, q: np.nan * q, large=True)
+        like, question = jax.ShapeDtypeStruct(q.shape, q.dtype), (shorten_equations(eq), q)
+        return ask_host("completed a start", like, answer, *question, given_up=lambda _, q: np.nan * q, large=True)
 
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)
