@@ -331,7 +331,7 @@ def repair_lanes(
 
     Args:
         view: what is solved for.
-        method: as of `analyse_on_host`.
+        method: as of `analyse_on_host`; a guess is a sequence of one value.
         eq: the equations for JAX, of arrays that are known; of one design, or designs first.
         start: poses to begin from ``(S, N)``, or one for all: the drawings; of a sequence in order the last pose that
             was found, if there is one.
@@ -354,6 +354,8 @@ def repair_lanes(
         owner = np.searchsorted(rows, row) if many else np.zeros(len(row), int)
         new = solve_lanes(view, equations, begin, values[row, at], owner)
         found.put((row, at), new)
+    elif method == "guess":
+        found.put((rows, 0), solve_nearest(view, equations, begin, values[rows, 0]))
     elif len(rows):
         first = np.argmax(wanted[rows], axis=1)
         new = solve_sequences(view, equations, begin, values[rows], first)

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 
 from jaxnc.constraints import Kind
-from jaxnc.reading import Builder, OutOfRange, Program, Unreadable, function, partials, polynomials
+from jaxnc.reading import Builder, Program, function, partials, polynomials
 from jaxnc.records import with_owner
 from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.system.equations import pure_numbers
@@ -130,21 +130,10 @@ def _generic(found: Program, kind: Kind, which: str, dim: int) -> Program:
 
 
 @functools.lru_cache(maxsize=512)
-def _generic_program(kind: Kind, which: str, dim: int) -> Program | None:
-    try:
-        found = program(kind, which, dim)
-    except (Unreadable, OutOfRange):
-        return None
-    return None if found is None else _generic(found, kind, which, dim)
-
-
-@functools.lru_cache(maxsize=512)
 def _rows_of(kind: Kind, which: str, dim: int) -> _Rows | None:
-    """Read the rows of a kind, or its guard; None where nobody can read them."""
-    found, count = _generic_program(kind, which, dim), size(kind, dim)
-    if found is None:
-        return None
-    return _Rows(found, count, kind.scalars)
+    """Read the rows of a kind, its guard, or its constants as drawn; None where nobody can read them."""
+    found = program(kind, which, dim)
+    return None if found is None else _Rows(_generic(found, kind, which, dim), size(kind, dim), kind.scalars)
 
 
 @functools.lru_cache(maxsize=2048)
@@ -154,12 +143,6 @@ def _degree(kind: Kind, which: str, dim: int, moving: tuple[int, ...]) -> float:
     assert rows is not None
     found = polynomials(rows.source, moving)
     return max((np.inf if row.terms is None else max(map(len, row.terms), default=0) for row in found), default=0)
-
-
-@functools.lru_cache(maxsize=512)
-def _function_of(kind: Kind, which: str, dim: int) -> Function | None:
-    found = _generic_program(kind, which, dim)
-    return None if found is None else function(found)
 
 
 # -- members -----------------------------------------------------------------------------------------------------------
@@ -537,13 +520,13 @@ class Reading:
         block = self.top.blocks[b]
         if not block.kind.constants:
             return np.broadcast_to(given, (*given.shape[:2], x.shape[1]))
-        run = _function_of(block.kind, "drawn", self.dim)
-        if run is None:
+        drawn = _rows_of(block.kind, "drawn", self.dim)
+        if drawn is None:
             return None
         inputs = list(x[self.top.layout[b].variables.T])
         inputs += [*np.moveaxis(given, 1, 0), *[0.0] * 2 * block.kind.scalars]
         with np.errstate(all="ignore"):
-            found = run(inputs)
+            found = drawn.values(inputs)
         shape = block.count, x.shape[1]
         rest = np.moveaxis(given[:, len(found) :], 1, 0)  # of a user's own kind: units and factors
         return np.stack([np.broadcast_to(v, shape) for v in (*found, *rest)], axis=1)

@@ -42,7 +42,7 @@ from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.design import find_traced
 from jaxnc.system.equations import Equations, guards, measured, rate_constants, slips, weights
-from jaxnc.system.host import HostEquations
+from jaxnc.system.host import HostEquations, from_jax
 from jaxnc.system.precision import as_its_system, limits
 from jaxnc.system.system import System, characteristic_length
 from jaxnc.system.topology import Topology
@@ -699,7 +699,7 @@ def _complete_by_xla(
     """Complete poses of which only some coordinates are given, the sure ones exactly and the others nearly."""
     # with all that XLA needs, and the host does not
     from jaxnc.solvers.newton import closest_pose
-    from jaxnc.solvers.traced import ask_of_equations
+    from jaxnc.solvers.traced import ask_host, refuse_unreadable, shorten_equations
 
     eq, first = jax.lax.stop_gradient(eq), len(top.coordinates) - len(top.scalars)
     scalars, points, nearly, moved, beside, whole = _missing(top, sure, given)
@@ -716,8 +716,13 @@ def _complete_by_xla(
     if not len(points):
         return jax.vmap(with_measures)(q)
     if top.large:
-        call_user = functools.partial(_complete_on_host, top, sure, given)
-        return ask_of_equations("completed a start", call_user, q.shape, eq, q)
+        refuse_unreadable(top)
+
+        def answer(eq: Equations, q: np.ndarray) -> np.ndarray:
+            return _complete_on_host(top, sure, given, from_jax(eq), q).astype(q.dtype)
+
+        like, question = jax.ShapeDtypeStruct(q.shape, q.dtype), (shorten_equations(eq), q)
+        return ask_host("completed a start", like, answer, *question, given_up=lambda _, q: np.nan * q, large=True)
 
     def upright(x):
         return jnp.all(jnp.concatenate(guards(eq, x)) > 0.0)

@@ -18,6 +18,7 @@ import numpy as np
 
 from jaxnc.continuation.tracker import FIT, QuadraticPaths, fit_powers
 from jaxnc.kinematics.polynomial import RANK, Member, Reading
+from jaxnc.solvers.host.view import solve_exactly
 
 _NOTHING = 1e-12  # a coefficient, beside rows of size one, that is rounding
 _EQUAL = 1e-9  # relative difference of a coefficient that is the same in all members
@@ -47,15 +48,7 @@ class Stage:
         """What the unknowns that are solved are, ``(…, solved, 1 + free)``, by 1 and those that stay."""
         lines = self.lines(t)
         right = np.concatenate([lines[..., :1], lines[..., 1 + self.free]], axis=-1)
-        matrix = lines[..., 1 + self.solved]
-        try:
-            return -np.linalg.solve(matrix, right)
-        except np.linalg.LinAlgError:
-            # Of some members it divides by zero: these have no solution here.
-            regular = (np.linalg.matrix_rank(matrix) == matrix.shape[-1])[..., None, None]
-            return np.where(
-                regular, -np.linalg.solve(np.where(regular, matrix, np.eye(matrix.shape[-1])), right), np.nan
-            )
+        return -solve_exactly(lines[..., 1 + self.solved], right)  # members that it divides by zero have no solution
 
     def expand(self, solution: np.ndarray) -> np.ndarray:
         """Map from 1 and the unknowns that stay to 1 and those before, ``(…, 1 + n, 1 + free)``."""

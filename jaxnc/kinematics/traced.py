@@ -29,11 +29,10 @@ from jaxnc.solvers.newton import attach_lanes, attach_pose, closest_pose, larges
 from jaxnc.solvers.plan import Plan, by_lu
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import any_lane
-from jaxnc.solvers.traced import Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
+from jaxnc.solvers.traced import Mapped, ask_host, in_lanes, refuse_unreadable, shorten_equations
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations, guards, residual, weights
 from jaxnc.system.frames import along
-from jaxnc.system.host import HostEquations
 from jaxnc.system.precision import farthest, limits
 from jaxnc.types import Array, Coordinates, Float, PyTree
 
@@ -80,19 +79,21 @@ def analyse_traced(
     rest = jnp.where(jnp.isfinite(begin), begin, frozen.home)[..., view.known]
     known, targets = (jnp.where(reached[:, None], x, rest) for x in (known, targets))
     if method != "guess":
-        found = solve_traced(view, method, repair or view.large, frozen, begin, targets)
+        found = solve_traced(view, method, repair, frozen, begin, targets)
     elif view.large:
-        found = _ask_large(view, method, frozen, begin, targets[:, : len(view.driven)])
+        found = jax.tree.map(lambda a: a[:, 0], _solve_on_host(view, method, frozen, begin, targets[:, None]))
     else:
         found = in_chunks(jax.vmap(functools.partial(_near_guess, view, frozen)), _CHUNK, begin, targets)
     lost = jnp.where(finite, np.int32(Status.NOT_REACHED), np.int32(Status.DID_NOT_ASSEMBLE))
     found = found._replace(status=jnp.where(reached, found.status, lost))
     good = found.status == int(Status.CONVERGED)
+
+    def attached(lane: tuple[Array, Array, Array]) -> Array:
+        q, known, ok = lane
+        return attach_pose(view, q, eq, known, ok)
+
     # A pose that was not asked for has no derivative: it is handed on as a constant.
-    if view.large:
-        attached = lax.map(lambda lane: attach_pose(view, lane[0], eq, lane[1]), (found.q, known))
-        poses = jnp.where(good[:, None], attached, found.q)
-    elif method == "guess":
+    if method == "guess" and not view.large:
         poses = jnp.where(good[:, None], jax.vmap(lambda x, u: attach_pose(view, x, eq, u))(found.q, known), found.q)
     else:
         inputs = jnp.stack(found.known, axis=1) if len(view.known) else values
@@ -100,10 +101,11 @@ def analyse_traced(
             x = attach_lanes(view, found.q, eq, tuple(known[:, k] for k in range(known.shape[1])), good)
             poses = columns_of(view, eq, q0, x, jnp.where(good[:, None], values, inputs[:, : values.shape[1]]))
         else:
-            q = jnp.broadcast_to(begin, (len(values), len(begin)))
+            q = jnp.broadcast_to(begin, (len(values), begin.shape[-1]))
             for columns, numbers in ((view.unknown, found.q), (view.known, inputs)):
                 q = q.at[:, columns].set(numbers) if len(columns) else q
-            new = jax.vmap(lambda x, u, ok: attach_pose(view, x, eq, u, ok))(q, known, good)
+            lanes = q, known, good
+            new = lax.map(attached, lanes) if view.large else jax.vmap(attached)(lanes)
             poses = jnp.where(good[:, None], new, q)
     rates = ()
     if orders:
@@ -249,8 +251,7 @@ def solve_traced(
 ) -> PoseBatch:
     """Solve for poses of one design, in code that may be mapped.
 
-    Coordinates that are not known are an array each where derivatives are written out; elsewhere one array ``(T, n)``,
-    and of a large system one of all coordinates, ``(T, N)``.
+    Coordinates that are not known are an array each where derivatives are written out; elsewhere one array ``(T, n)``.
 
     The method is ``"continuation"`` (in order along one branch) or ``"lanes"`` (each from the start pose). What is not
     found is asked of the host, or without `repair` given up with `Status.TOO_FAR`.
@@ -267,7 +268,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
 
     def solve(eq, q, begun, values):
         if plan.large:  # all the host's
-            return _ask_large(plan, method, eq, q, values[..., : len(plan.driven)])
+            return _solve_on_host(plan, method, eq, q, values)
         if values.shape[0] * values.shape[1] >= _VERY_MANY:
             process.keep_memory()
         one = shared and len(values) == 1
@@ -301,11 +302,7 @@ def _solver(plan: Plan, method: str, repair: bool, shared: bool):
             return jax.ShapeDtypeStruct((*values.shape[:2], *more), dtype)
 
         n = len(plan.unknown)
-        x = (like(),) * n if writes_out(plan) or not n else like(n)
-        if plan.large:
-            x, known = like(q.shape[-1]), ()
-        else:
-            known = (like(),) * values.shape[-1]
+        x, known = (like(),) * n if writes_out(plan) or not n else like(n), (like(),) * values.shape[-1]
         return PoseBatch(x, like(), like(), known=known, status=like(dtype=np.int32))
 
     def map_lanes(size, which, eq, q, begun, values):
@@ -332,8 +329,10 @@ def _side_by_side(plan: Plan, method: str, count: int) -> bool:
 
 
 def _solve_on_host(plan: Plan, method: str, eq: Equations, q: Array, values: Array) -> PoseBatch:
-    """Have the host solve for all poses of one design, ``(1, T)``."""
+    """Have the host solve for all poses, ``(S, T)``."""
     asked, good = values[..., : len(plan.driven)], jnp.zeros(values.shape[:2], bool)
+    if plan.large:
+        refuse_unreadable(plan.topology)
     return _from_table(plan, _ask(plan, method, shorten_equations(eq), q, None, asked, good))
 
 
@@ -482,9 +481,9 @@ def _ask(plan: Plan, method: str, eq: Equations, q: Array, last: Array | None, a
     """
     like = jax.ShapeDtypeStruct((len(asked), len(plan.unknown) + len(plan.known) + 3, asked.shape[1]), q.dtype)
     answer, nothing = functools.partial(_follow_lanes, plan, method), functools.partial(_give_up, like)
-    return ask_host(
-        "followed poses that compiled code had not found", like, answer, eq, q, last, asked, good, given_up=nothing
-    )
+    which = "of a large system" if plan.large else "that compiled code had not found"
+    given = eq, q, last, asked, good
+    return ask_host(f"followed poses {which}", like, answer, *given, given_up=nothing, large=plan.large)
 
 
 def _give_up(like: PyTree, *_: object) -> np.ndarray:
@@ -503,31 +502,6 @@ def _follow_lanes(plan: Plan, method: str, eq: Equations, start: Any, last: Any,
     found = host_solve.repair_lanes(plan, method, eq, start, asked, ~good)
     rest = np.stack([found.size, found.conditioning, found.status], axis=-1)
     return np.moveaxis(np.concatenate([found.q[..., places], rest], axis=-1).astype(start.dtype), 2, 1)
-
-
-def _ask_large(view: Plan, method: str, eq: Equations, q: Array, values: Float[Array, "... k"]) -> PoseBatch:
-    """Have the host solve for poses of a large system, ``(..., N)``.
-
-    Of sequences and lanes, values are ``(S, T, k)`` and start poses ``(S, N)``; of guesses, ``(T, k)`` and ``(T, N)``.
-    The equations are those of one design, or of one for each sequence (first axis of every leaf).
-    """
-    ask, shape = functools.partial(_solve_large, view, method), (*values.shape[:-1], q.shape[-1] + 3)
-    table = ask_of_equations("followed poses of a large system", ask, shape, eq, q, values)
-    status = jnp.where(jnp.isnan(table[..., -1]), int(Status.TOO_FAR), table[..., -1])  # interrupted by the user
-    return PoseBatch(table[..., :-3], table[..., -3], table[..., -2], status=status.astype(np.int32))
-
-
-def _solve_large(view: Plan, method: str, eq: HostEquations, q: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Answer `_ask_large` on the host: poses, residuals, conditioning and statuses in one table."""
-    if method == "guess":
-        found = host_solve.solve_nearest(view, eq, q, values)
-    elif method == "lanes":
-        which = np.repeat(np.arange(len(q)), values.shape[1])
-        found = host_solve.solve_lanes(view, eq, q, values.reshape(-1, values.shape[2]), which)
-    else:
-        found = host_solve.solve_sequences(view, eq, q, values)
-    table = np.concatenate([found.q, np.stack([found.size, found.conditioning, found.status], axis=-1)], axis=-1)
-    return table.reshape(*values.shape[:-1], -1)
 
 
 # -- rates -------------------------------------------------------------------------------------------------------------

@@ -21,9 +21,9 @@ from jaxnc.solvers import dense, host
 from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import LargePlan, Plan
 from jaxnc.solvers.saddle import saddle
-from jaxnc.solvers.traced import PIECE, Mapped, ask_host, ask_of_equations, in_lanes, shorten_equations
+from jaxnc.solvers.traced import PIECE, Mapped, ask_host, in_lanes, refuse_unreadable, shorten_equations
 from jaxnc.system.equations import Equations, pure_numbers, weights
-from jaxnc.system.host import HostEquations, from_jax
+from jaxnc.system.host import from_jax
 from jaxnc.system.precision import limits, numbers
 from jaxnc.types import Array, Coordinates, Numbers, PyTree
 
@@ -113,7 +113,9 @@ def traced_start(plan: Plan, eq: Equations, nudge: Array | np.ndarray, repair: b
     The host is asked for what does not fit as it is drawn, without `repair` only for large systems. Nothing is driven
     in the plan.
     """
-    if plan.large or not repair or not host.read_kinds(plan):
+    if plan.large:
+        refuse_unreadable(plan.topology)
+    elif not repair or not host.read_kinds(plan):
         return _assemble(plan, eq, nudge)
     eq, q = lax.stop_gradient((eq, eq.home + nudge))
     pose, gap = _assembler(plan, True)(eq, q[None])
@@ -125,17 +127,7 @@ def _assemble(plan: Plan, eq: Equations, nudge: Array) -> host.Closest:
     eq, nudge = lax.stop_gradient((eq, nudge))
     if not len(plan.rows):
         return host.Closest(eq.home + nudge, jnp.zeros(()), jnp.zeros((0, len(plan.unknown))))
-    if plan.large:
-        answer = functools.partial(_assemble_large, plan)
-        found = ask_of_equations("assembled a drawing", answer, (len(eq.home) + 1,), eq, nudge)
-        return host.Closest(found[:-1], found[-1], jnp.zeros(0))
     return closest_pose(plan, eq, eq.home + nudge)
-
-
-def _assemble_large(plan: Plan, eq: HostEquations, nudge: np.ndarray) -> np.ndarray:
-    with np.errstate(all="ignore"):
-        q, gap, _ = host.assemble_closest(host.view_of(plan, eq), (eq.home + nudge)[:, None])
-    return np.append(q[:, 0], gap)
 
 
 @with_owner
@@ -146,7 +138,7 @@ def _assembler(plan: Plan, shared: bool):
     @jax.jit
     def inner(eq, q):
         axes = None if shared else 0
-        if max(a.size for a in jax.tree.leaves((shorten_equations(eq), q))) > PIECE:
+        if not plan.large and max(a.size for a in jax.tree.leaves((shorten_equations(eq), q))) > PIECE:
             found = jax.vmap(functools.partial(closest_pose, plan), in_axes=(axes, 0))(eq, q)
             return found.q, found.gap
         gap = jax.vmap(lambda eq, q: jnp.max(jnp.abs(plan.residual(eq, q)), initial=0.0), in_axes=(axes, 0))(eq, q)
@@ -156,7 +148,7 @@ def _assembler(plan: Plan, shared: bool):
         def assemble(state):
             given = shorten_equations(eq), state[1], fits
             answer = functools.partial(_assemble_lanes, plan)
-            found = ask_host("assembled a drawing", like, answer, *given, given_up=_as_drawn)
+            found = ask_host("assembled a drawing", like, answer, *given, given_up=_as_drawn, large=plan.large)
             return jnp.ones((), bool), found[:, :-1], found[:, -1]
 
         # A loop that is not entered leaves its numbers where they are; a `cond` would copy them.
@@ -176,7 +168,7 @@ def _assembler(plan: Plan, shared: bool):
 def _assemble_lanes(plan: Plan, eq: Equations, q: np.ndarray, fits: np.ndarray) -> np.ndarray:
     """Assemble the poses that do not fit: each with its largest residual behind it, ``(L, N + 1)``."""
     open_ = np.flatnonzero(~fits)
-    view = host.HostView(plan, from_jax(eq)).select(open_)
+    view = host.view_of(plan, from_jax(eq)).select(open_)
     with np.errstate(all="ignore"):
         found = host.assemble_closest(view, q[open_].T)
     out = _as_drawn(eq, q, fits)

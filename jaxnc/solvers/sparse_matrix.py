@@ -238,7 +238,7 @@ class Factoriser:
         def nothing(*_: np.ndarray) -> Any:
             return jax.tree.map(lambda a: np.full(a.shape, np.nan, a.dtype), like)
 
-        return ask_host("solved by sparse LU", like, f, *given, given_up=nothing, remedy="")
+        return ask_host("solved by sparse LU", like, f, *given, given_up=nothing, large=True)
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from jax.interpreters import batching, mlir
 
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.system.equations import Equations
-from jaxnc.system.host import from_jax
 from jaxnc.system.precision import numbers
 from jaxnc.system.structure import program
+from jaxnc.system.topology import Topology
 from jaxnc.types import Array, PyTree
 
 PIECE = 12_000
@@ -135,7 +135,7 @@ def ask_host(
     f: Callable,
     *given: PyTree,
     given_up: Callable,
-    remedy: str = "; repair=False does without it",
+    large: bool = False,
 ) -> PyTree:
     """Put a question to the host from traced code; mapped, questions go one by one.
 
@@ -146,8 +146,10 @@ def ask_host(
             JAX; nor may `given_up`.
         given: pytrees of arrays; equations are made `short` before.
         given_up: the answer where the user has interrupted it, a function of the same.
-        remedy: what else the user may do, for messages.
+        large: whether it is of a large system, which only the host solves; otherwise messages name what else may be
+            done.
     """
+    remedy = "" if large else "; repair=False does without it"
     try:
         jax.local_devices(backend="cpu")
     except RuntimeError:
@@ -188,15 +190,8 @@ def shorten_equations(eq: Equations) -> Equations:
     return dataclasses.replace(eq, linear=none, quadratic=none)
 
 
-def ask_of_equations(
-    doing: str, f: Callable[..., np.ndarray], shape: tuple[int, ...], eq: Equations, *arrays: Array
-) -> Array:
-    """Put a question about equations that only the host can answer, as of a large system; see `ask_host`.
-
-    `f` takes `HostEquations` and NumPy arrays, and returns one of the shape. The equations are of one design, or of
-    many by a first axis.
-    """
-    top = eq.topology
+def refuse_unreadable(top: Topology) -> None:
+    """Refuse a large system with a kind that NumPy cannot evaluate."""
     for kind in dict.fromkeys(block.kind for block in top.blocks):
         for which in ("residual", "guard"):
             if getattr(kind, which) is not None and program(kind, which, top.dim) is None:
@@ -205,12 +200,3 @@ def ask_of_equations(
                     f"systems are solved by NumPy: outside of jit, vmap and grad that works; in them compile the "
                     f"mechanism with compile(sparse=False), or write the kind without loops and jax.numpy.linalg"
                 )
-
-    def answer(eq: Equations, *given: np.ndarray) -> np.ndarray:
-        return np.asarray(f(from_jax(eq), *given), eq.home.dtype)
-
-    def nothing(eq: Any, *_: np.ndarray) -> np.ndarray:
-        return np.full(shape, np.nan, eq.home.dtype)
-
-    like = jax.ShapeDtypeStruct(shape, eq.home.dtype)
-    return ask_host(doing, like, answer, shorten_equations(eq), *arrays, given_up=nothing, remedy="")

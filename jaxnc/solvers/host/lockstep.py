@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxnc.records import with_owner
 from jaxnc.solvers import branch
-from jaxnc.solvers.host.view import HostView, largest_of_lanes
+from jaxnc.solvers.host.view import HostView, largest_of_lanes, solve_exactly
 from jaxnc.solvers.plan import Plan
 from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.solvers.rows import FEW, RowNumbers, Rows, guard_functions
@@ -49,9 +49,7 @@ def _solve_small(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
     more = right[0].ndim > a.ndim - 2
     matrix, sides = np.moveaxis(a, (0, 1), (-2, -1)), np.stack(right, axis=-1)
     sides = np.moveaxis(sides, 0, -1) if more else sides[..., None]
-    regular = np.isfinite(matrix).all(axis=(-2, -1)) & (np.linalg.slogdet(matrix)[0] != 0.0)
-    safe = np.where(regular[..., None, None], matrix, np.eye(len(a)))
-    found = np.where(regular[..., None, None], np.linalg.solve(safe, sides), np.nan)
+    found = solve_exactly(matrix, sides)
     return [np.moveaxis(found[..., k, :], -1, 0) if more else found[..., k, 0] for k in range(len(a))]
 
 

@@ -138,11 +138,11 @@ def inverse_of(matrix: np.ndarray) -> np.ndarray:
 
 
 def solve_exactly(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve for right-hand sides ``(lanes, n, c)``; not finite if singular."""
+    """Solve for right-hand sides ``(..., n, c)``; not finite if singular."""
     try:
         return np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:  # one of them is singular to the last bit
-        out = np.full((len(matrix), matrix.shape[2], right.shape[2]), np.nan, matrix.dtype)
+        out = np.full((*matrix.shape[:-1], right.shape[-1]), np.nan, matrix.dtype)
         regular = np.linalg.slogdet(matrix)[0] != 0.0
         out[regular] = np.linalg.solve(matrix[regular], right[regular])
         return out
