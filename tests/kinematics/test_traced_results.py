@@ -31,8 +31,8 @@ def wheel(x):
 # What is made of a traced argument, the argument, and how many members need numbers.
 # Compiling a mechanism there is answered at once, too.
 MADE = {
-    "motion": (lambda x: nc.sweep(nc.library.four_bar().compile(), {"phi": x}, rates={"phi": 1.0}), T, 12),
-    "simulation": (lambda x: nc.simulate(pendulum(), T, rates={"phi": x}, method="rk4", step=0.05), 1.0, 14),
+    "motion": (lambda x: nc.sweep(nc.library.four_bar().compile(), {"phi": x}, rates={"phi": 1.0}), T, 11),
+    "simulation": (lambda x: nc.simulate(pendulum(), T, rates={"phi": x}, method="rk4", step=0.05), 1.0, 13),
     "equilibrium": (lambda x: nc.equilibrium(pendulum(), {"phi": x}), -1.0, 0),
     "inverse dynamics": (lambda x: nc.inverse_dynamics(pendulum(), posed(x)), -1.0, 1),
     "reactions": (lambda x: nc.reactions(posed(x)), -1.0, 1),
