@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -147,9 +148,7 @@ def read_modes(options: argparse.Namespace) -> Question:
     question = read_model(options)
     mechanism, own = question.mechanism, question.mechanism.model.run
     form = "NAME=VALUE, for instance phi=60; a range is given as --map NAME=FROM:TO"
-    at = dict(_read_drive(mechanism, text, "--input", form, most=1) for text in options.input)
-    if len(at) < len(options.input):
-        raise InputError("--input: a coordinate is given twice; give each once")
+    at = collect_named("--input", [_read_drive(mechanism, text, "--input", form, most=1) for text in options.input])
     if len(options.map) > 1:
         raise InputError("--map: one input goes over a range; give the others one value each by --input")
     for text in options.map:
@@ -211,15 +210,12 @@ def run_settings(mechanism: Mechanism, options: argparse.Namespace) -> record.Ru
     run = mechanism.model.run
     inputs = dict(run.inputs)
     if options.input:
-        given = [_read_drive(mechanism, text) for text in options.input]
-        inputs = dict(given)
-        if len(inputs) < len(given):
-            raise InputError("--input: a coordinate is given twice; give each once")
-    for text in options.rate:
-        name, rate = read_pair(text, "--rate", "NAME=RATE, for instance phi=360")
+        inputs = collect_named("--input", [_read_drive(mechanism, text) for text in options.input])
+    given = [read_pair(text, "--rate", "NAME=RATE, for instance phi=360") for text in options.rate]
+    for name, rate in collect_named("--rate", given).items():
         if name not in inputs:
-            raise InputError(f"--rate {text}: {name!r} is not driven; {nearest(name, inputs)}")
-        value = read_number(mechanism, name, rate, f"--rate {text}")
+            raise InputError(f"--rate {name}={rate}: {name!r} is not driven; {nearest(name, inputs)}")
+        value = read_number(mechanism, name, rate, f"--rate {name}={rate}")
         inputs[name] = msgspec.structs.replace(inputs[name], rate=value)
     if options.poses is not None:
         inputs = {n: msgspec.structs.replace(drive, poses=options.poses) for n, drive in inputs.items()}
@@ -271,6 +267,14 @@ def _read_drive(
     if rate is not None and numbers[-1] != numbers[0]:
         rate = math.copysign(rate, numbers[-1] - numbers[0])
     return name, record.Drive(numbers[0], numbers[-1], poses, rate)
+
+
+def collect_named(option: str, given: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return what an option gives by name; a name that stands twice is refused."""
+    found = dict(given)
+    if len(found) < len(given):
+        raise InputError(f"{option}: a coordinate is given twice; give each once")
+    return found
 
 
 def read_pair(text: str, option: str, form: str) -> tuple[str, str]:

@@ -19,7 +19,7 @@ import numpy as np
 
 import jaxnc as nc
 from jaxnc.cli.output import Analysis, Task, list_files, report_lines, write_files
-from jaxnc.cli.question import Question, read_number, read_pair
+from jaxnc.cli.question import Question, collect_named, read_number, read_pair
 from jaxnc.dynamics.simulate import FIXED, simulate
 from jaxnc.dynamics.simulation import Simulation, join
 from jaxnc.errors import AssemblyError, InputError, counted
@@ -252,10 +252,10 @@ def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> re
     if options.rtol is not None and section.method in FIXED:
         raise InputError(f"--rtol is for steps that follow their errors; {section.method} has --step")
     rates = dict(section.rates)
-    for text in options.rate:
-        name, value = read_pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg")
-        check_driven(mechanism, name, f"--rate {text}")
-        rates[name] = read_number(mechanism, name, value, f"--rate {text}")
+    given = [read_pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg") for text in options.rate]
+    for name, value in collect_named("--rate", given).items():
+        check_driven(mechanism, name, f"--rate {name}={value}")
+        rates[name] = read_number(mechanism, name, value, f"--rate {name}={value}")
     section = msgspec.structs.replace(section, rates=rates)
     if section.duration is None:
         raise InputError(

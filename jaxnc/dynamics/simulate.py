@@ -162,8 +162,8 @@ def _check_fixed(system: System, method: str, event: Callable | None, t: Numbers
         if rubbing := ", ".join(repr(f.name) for f in system.topology.loads.friction):
             raise InputError(f"method={method!r} has no friction, and {rubbing} rubs; {remedy}")
         refuse_rates(system.topology, f"method={method!r} works with constraints on positions", remedy)
-    if isinstance(t, Tracer) and step is not None:
-        raise InputError("step= needs times that are known; inside jit give times as a constant")
+    if step is not None and (isinstance(t, Tracer) or isinstance(step, Tracer)):
+        raise InputError("step= and its times must be known; inside jit give them as constants")
 
 
 def _check_drives(drives: tuple[tuple[str, Callable], ...], t: Array) -> None:

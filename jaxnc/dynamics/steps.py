@@ -21,6 +21,7 @@ from jax import lax
 from jaxnc.autodiff import attach
 from jaxnc.dynamics.flow import ACCELERATION, POSITION, VELOCITY, Flow, StageSolution
 from jaxnc.dynamics.model import forces
+from jaxnc.errors import InputError
 from jaxnc.records import record
 from jaxnc.solvers import dense
 from jaxnc.solvers.saddle import saddle
@@ -478,6 +479,9 @@ class AlphaStep:
 
 
 def count_steps(t: np.ndarray, longest_step: float) -> int:
-    """Count the equal steps between two times that keep every step no longer than wanted."""
+    """Count the equal steps between two times that keep every step no longer than wanted; too many are refused."""
     longest = float(np.max(np.abs(np.diff(t)), initial=0.0))
-    return max(1, int(np.ceil(longest / longest_step * (1 - 1e-12))))
+    count, most = max(1.0, np.ceil(longest / longest_step * (1 - 1e-12))), 1_000_000_000  # int32 counts twice as many
+    if count * (len(t) - 1) > most:
+        raise InputError(f"step={longest_step:g}: {count * (len(t) - 1):.3g} steps; at most {most} fit in one run")
+    return int(count)

@@ -99,7 +99,9 @@ def _symbol(base: str, digit: str, index: list[str], variable: bool, value: floa
         latex = rf"\{name}" if latex == letter else latex
     below = ",".join(w if len(w) == 1 or w.isdigit() else rf"\mathrm{{{w}}}" for w in words)
     text = _GREEK.get(base, base) + ("_" + ",".join(words) if words else "")
-    return Symbol(text, latex + (f"_{{{below}}}" if below else ""), variable, value, axis)
+    latex += f"_{{{below}}}" if below else ""
+    # Names may have spaces, which stand for products in plain text and for nothing in LaTeX.
+    return Symbol(text.replace(" ", "_"), latex.replace(" ", "~"), variable, value, axis)
 
 
 class _EquationWriter:

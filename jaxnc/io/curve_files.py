@@ -384,11 +384,14 @@ def load_curve(path: str | Path) -> tuple[np.ndarray, bool | None]:
         points = np.load(path) if suffix == ".npy" else read_numbers(path, 2)
     except (OSError, ValueError, EOFError) as error:
         raise ModelFileError(f"{path} cannot be read ({getattr(error, 'strerror', None) or error})") from None
-    if np.iscomplexobj(points):
-        raise ModelFileError(f"{path} holds complex numbers; save x and y as two columns of real ones")
-    if points.ndim != 2 or points.shape[-1] < 2:
-        raise ModelFileError(f"{path}: a curve needs x and y in each line; the file has the shape {points.shape}")
-    return points[:, :2].astype(float), None
+    if points.dtype.kind not in "iuf":
+        raise ModelFileError(f"{path} holds values of the type {points.dtype}; save x and y as real numbers")
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ModelFileError(
+            f"{path}: a curve needs x and y in each row, shape (N, 2); the file has the shape {points.shape}: save "
+            f"points.T if points are its columns, points[:, :2] if more than x and y stand in a row"
+        )
+    return points.astype(float), None
 
 
 def read_numbers(path: Path, first: int | None = None) -> np.ndarray:

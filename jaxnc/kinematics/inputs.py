@@ -323,8 +323,9 @@ def _like_degrees(value: object) -> str:
         x = x.astype(float) if x.dtype.kind in "iuf" else np.zeros(0)
     except (TypeError, ValueError):
         return ""
-    # 1000 values show how large steps are
-    if not x.size or not np.abs(x.flat[:: max(1, x.size // 1000)]).max() > 2.0 * math.pi or not np.isfinite(x).all():
+    # 1000 values show how large steps are; nobody means a million degrees, and floats that are huge are all whole
+    some = np.abs(x.flat[:: max(1, x.size // 1000)])
+    if not 2.0 * math.pi < some.max(initial=0.0) < 1e6 or not np.isfinite(x).all():
         return ""
     if np.all(x == np.round(x)):
         return f"is {x.flat[0]:g}" if x.size == 1 else f"goes in whole numbers from {x.min():g} to {x.max():g}"

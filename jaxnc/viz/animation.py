@@ -14,7 +14,7 @@ from jaxnc.io.target import writing
 from jaxnc.kinematics.motion import Motion
 from jaxnc.progress import bar
 from jaxnc.viz.drawing import PlaneView, make_view
-from jaxnc.viz.picture import Size, inches
+from jaxnc.viz.picture import Size, dots, inches
 from jaxnc.viz.poses import Poses, evenly, poses
 from jaxnc.viz.style import BODIES, INK, LIGHT, colour_of, mix
 from jaxnc.viz.svg import ShownPath
@@ -75,7 +75,7 @@ def animate(
     chosen = _choose_frames(data, frames, fps)
     with writing(path, (".gif",), "an animation") as new:
         path = Path(path).expanduser()
-        film = Film(data, trace, velocities, accelerations, labels, title, frame, inches(size), dpi, view, forces)
+        film = Film(data, trace, velocities, accelerations, labels, title, frame, inches(size), dots(dpi), view, forces)
         _write_gif(path, new, film, chosen, fps)
     return ShownPath(path)
 

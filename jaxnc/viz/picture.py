@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +52,17 @@ def inches(size: Size, height: Callable[[float], float] = lambda width: width / 
     return wide, high[0] if high else height(wide)
 
 
+def dots(dpi: float) -> float:
+    """Read the dots per inch of a file."""
+    # Letters of the smallest figures have no height below 15.
+    if isinstance(dpi, bool) or not isinstance(dpi, Real) or not 20 <= dpi <= 2400:
+        raise InputError(f"dpi={dpi!r}: expected dots per inch, such as 200; from 20 to 2400")
+    return dpi
+
+
 def finish(figure: Figure, path: str | Path | None, dpi: float = 200.0) -> Figure:
     """Write a figure to a file if there is a path, the same bytes each time; returns the figure."""
+    dpi = dots(dpi)
     if path is not None:
         settings: Any = {"svg.hashsalt": "jaxnc", "pdf.fonttype": 42}
         undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}

@@ -26,6 +26,7 @@ from jaxnc.library.catalogue import CATALOGUE
 from jaxnc.reporting.checked import ExtremeValue, Quantity, extreme_of, extremes_of, quantities
 
 FOUR_BAR = str(EXAMPLES / "four_bar.toml")
+SWINGING = str(EXAMPLES / "swinging_four_bar.toml")
 LIFT = str(EXAMPLES / "scissor_lift.toml")
 FEW = ["--input", "phi=0:360:13"]
 
@@ -170,6 +171,7 @@ WRONG = [
     ("no poses", ["--poses", "0"], ["poses = 0", "at least 1"]),
     ("poses of words", ["--poses", "many"], ["--poses", "'many'", "--help"]),
     ("rate of no input", ["--rate", "psi=3"], ["'psi' is not driven", "did you mean 'phi'"]),
+    ("rate twice", ["--rate", "phi=1", "--rate", "phi=2"], ["--rate", "given twice"]),
     ("rate form", ["--rate", "phi"], ["--rate phi", "NAME=RATE"]),
     ("output", ["--output", "PP"], ["'PP'", "did you mean 'P'"]),
     ("hold", ["--hold", "fi"], ["'fi'", "to hold"]),
@@ -373,7 +375,7 @@ main(sys.argv[1:])
         (("compare", FOUR_BAR), "four-bar: "),
         (("modes", FOUR_BAR), "four-bar: "),
         (("export", FOUR_BAR, "--to", "urdf"), "four-bar: "),
-        (("simulate", str(EXAMPLES / "swinging_four_bar.toml")), "swinging four-bar: "),  # with a spring
+        (("simulate", SWINGING), "swinging four-bar: "),  # with a spring
         (("synthesise", str(EXAMPLES / "problems" / "path.toml")), "path.toml: path of P, four-bar"),
     ],
 )
@@ -448,6 +450,7 @@ def test_modes_for_machines(capsys):
         (("--input", "phi=0:360"), "--input phi=0:360: write NAME=VALUE"),
         (("--input", "phi=1", "--map", "phi=0:9"), "'phi' is given by --input too"),
         (("--input", "psi=1", "--map", "phi=0:9"), "too many inputs"),
+        (("--input", "psi=1", "--input", "psi=2"), "--input: a coordinate is given twice"),
         (("--map", "phi=0:9", "--map", "psi=0:9"), "--map: one input goes over a range"),
         (("--hold", "ps"), "no coordinate 'ps' to hold"),
         (("--map", "phi=0:360:100000000000"), "at most 1000000 fit"),
@@ -599,7 +602,9 @@ def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():
         (["run", FOUR_BAR, "--expct", "psi > 1"], ["no option '--expct'", "did you mean '--expect'"]),
         (["run", FOUR_BAR, "--analysis", "swep"], ["--analysis 'swep'", "'sweep'"]),
         (["run", FOUR_BAR, "--input", "ph=0deg:360deg"], ["--input ph=0deg:360deg", "no coordinate 'ph'", "'phi'"]),
-        (["simulate", str(EXAMPLES / "swinging_four_bar.toml"), "--rate", "ph=10deg"], ["no coordinate 'ph'", "'phi'"]),
+        (["simulate", SWINGING, "--rate", "ph=10deg"], ["no coordinate 'ph'", "'phi'"]),
+        (["simulate", SWINGING, "--rate", "phi=1", "--rate", "phi=2"], ["--rate", "given twice"]),
+        (["simulate", SWINGING, "--method", "rk4", "--step", "1e-30"], ["step=1e-30", "at most 1000000000 fit"]),
     ],
 )
 def test_what_is_meant_is_asked(capsys, words, parts):

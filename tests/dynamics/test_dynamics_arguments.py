@@ -58,6 +58,17 @@ def lost():
     [
         *((simulate(step=x, method="rk4"), f"step= must be a positive number, got {x!r}") for x in (0, NAN, -1, INF)),
         (simulate(step="x", method="rk4"), "step= must be a positive number, got 'x'"),
+        *(
+            (simulate(step=step, method=method), f"step={step:g}: {said} steps; at most 1000000000 fit in one run")
+            for step, said in ((1e-18, f"{T[-1] / 1e-18:.3g}"), (1e-30, f"{T[-1] / 1e-30:.3g}"), (5e-324, "inf"))
+            for method in ("rk4", "generalised alpha")
+        ),
+        (lambda: jax.jit(lambda x: simulate(step=x, method="rk4")().q)(0.1), "step= and its times must be known"),
+        (lambda: jax.jit(lambda t: simulate(step=0.1, t=t, method="rk4")().q)(T), "step= and its times must be known"),
+        (
+            lambda: jax.jit(lambda x: simulate(step=1e-30, rates={"phi": x}, method="rk4")().q)(0.1),
+            "step=1e-30:",
+        ),
         *((simulate(first=x), f"first= must be a positive number, got {x!r}") for x in (0, NAN)),
         *((simulate(rtol=x), f"rtol= must be a number from 0 on, got {x!r}") for x in (-1, NAN, INF)),
         *((simulate(atol=x), f"atol= must be a number from 0 on, got {x!r}") for x in (-1, NAN)),

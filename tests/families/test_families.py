@@ -85,6 +85,16 @@ def test_equations_as_the_text_prints_them():
     assert numbers[0] == "cos ψ_1 + s cos(ψ_1 + ψ_2 - π) + sin(ψ_1 + ψ_2 - π)/2 - 3 = 0"
 
 
+def test_a_name_of_two_words_is_no_product():
+    m = nc.Mechanism("rod")
+    m.ground("O", (0, 0))
+    m.point("P", (3, 4))
+    m.body("tie rod", ["O", "P"])
+    written = nc.formulate(m, "reference").equations(names={"L_OP": "my length"})
+    assert str(written).splitlines()[0] == "x_tie_rod - my_length/2 cos ψ_tie_rod - x_O = 0"
+    assert r"x_{\mathrm{tie~rod}} - \frac{\mathrm{my~length}}{2}" in written.latex()
+
+
 def test_what_is_divided_stands_in_brackets_where_it_could_be_read_otherwise():
     phi, length = (Expression.of(Symbol(name, name, name == "φ")) for name in ("φ", "L"))
     co = phi.apply("cos")

@@ -519,6 +519,7 @@ NO_DEGREES = {
     "two": [0.5, 5.5],
     "converted": np.radians(np.arange(0, 3600, 400)),
     "far": 20.5,
+    "huge": 1e300,
 }
 
 

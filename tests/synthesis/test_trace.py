@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import jax
 import jax.numpy as jnp
@@ -559,6 +560,21 @@ def test_a_row_with_a_number_is_no_heading(text, tmp_path):
     (tmp_path / "curve.csv").write_text(text)
     with pytest.raises(ModelFileError, match=r"line 1: .* is not a row of numbers; a comment begins with #"):
         load_curve(tmp_path / "curve.csv")
+
+
+@pytest.mark.parametrize("shape", [(2, 24), (3, 24), (24, 3), (24, 1), (24,), (24, 2, 1)])
+def test_an_array_of_another_shape_than_a_curve_is_refused(shape, tmp_path):
+    np.save(tmp_path / "curve.npy", np.zeros(shape))
+    with pytest.raises(ModelFileError, match=rf"the file has the shape {re.escape(str(shape))}: save points\.T"):
+        load_curve(tmp_path / "curve.npy")
+
+
+def test_an_array_of_a_curve_is_read_as_it_is(tmp_path):
+    np.save(tmp_path / "curve.npy", points := np.arange(48).reshape(24, 2))
+    np.testing.assert_array_equal(load_curve(tmp_path / "curve.npy")[0], points)
+    np.save(tmp_path / "curve.npy", points.astype(str))
+    with pytest.raises(ModelFileError, match="real numbers"):
+        load_curve(tmp_path / "curve.npy")
 
 
 def test_columns_of_several_curves_are_refused(tmp_path):

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
+from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
 import jaxnc as nc
@@ -187,6 +188,20 @@ def test_a_driven_distance_has_its_name_beside_its_cylinder(pose):
     assert abs((place - ends[0]) @ along / length**2 - 0.5) < 0.3  # beside it, and clear of what is drawn
     assert 0.02 < abs(along[0] * (place - ends[0])[1] - along[1] * (place - ends[0])[0]) / length < 0.3
     assert not overlaps(boxes(figure, list(texts.values())))
+
+
+@pytest.mark.parametrize("dpi", [0, -1, True, 1.5, float("nan"), 1e9, 1e308, "x", None])
+def test_dots_per_inch_are_refused_outside_their_range(turning, dpi, tmp_path):
+    for call in (turning.draw, lambda path, dpi: turning.plot("P", path=path, dpi=dpi), turning.animate):
+        with pytest.raises(nc.InputError, match=r"dpi=.*from 20 to 2400"):
+            call(tmp_path / "a.gif" if call == turning.animate else tmp_path / "a.png", dpi=dpi)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_smallest_figure_has_the_fewest_dots(turning, tmp_path):
+    turning.draw(tmp_path / "a.png", size=1, dpi=np.float32(20))
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.width == pytest.approx(20, abs=1)
 
 
 def test_figures_have_one_word_for_their_size(turning, caplog):
