@@ -465,7 +465,7 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
         n = joints[k]
         drawn = x0[k, :n] @ [1, 1j]
         for t in range(20):
-            known = {i: drawn[i] for i in np.flatnonzero(fixed[k, :n])}
+            known = {int(i): drawn[i] for i in np.flatnonzero(fixed[k, :n])}
             known[1] = drawn[0] + (drawn[1] - drawn[0]) * np.exp(2j * np.pi * t / 100)
             while len(known) < n:
                 i = next(i for i in range(n) if i not in known and sum(bool(bars[k, i, j]) for j in known) == 2)

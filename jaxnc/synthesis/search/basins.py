@@ -139,9 +139,9 @@ def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
     if problem.unit == "rad":
         rows = [pair for block in top.blocks for pair in zip(block.points, block.owners, strict=True)]
         asked = {p for points, owners in rows for p in points if any(one.thing is not Thing.BODY for one in owners)}
-        bodies = np.bincount([p for body in top.bodies for p in body.points], minlength=len(moving))
-        counts = (bodies != 1) | np.isin(np.arange(len(moving)), list(asked))
-        q, moving = q[:, counts], moving[counts]
+        bodies = np.bincount([p for body in top.bodies for p in body.points], minlength=len(top.points))
+        counts = [p for p in range(len(top.points)) if bodies[p] != 1 or p in asked]
+        q, moving = q[:, counts], np.asarray(moving)[counts]
     if len(q) >= 4 and moving.any():  # of 4 targets and more the points that move tell of those that do not
         q = q[:, moving]
         q = np.concatenate([q, np.broadcast_to(q.mean(axis=0), q.shape)], axis=1)
