@@ -38,8 +38,8 @@ class FlipMargin:
     """How far poses are from flipping; infinite where there is nothing to flip into.
 
     Attributes:
-        distance: how far the farthest of all points moves from the pose to the nearest assembly into which it flips
-            with its inputs held, ``(...,)``, a length.
+        distance: how far the farthest of all points, markers not among them, moves from the pose to the nearest
+            assembly into which it flips with its inputs held, ``(...,)``, a length.
         input: how far the input can go until the nearest dead point, forwards or backwards, ``(...,)``, in radians or
             lengths; right to third order near a dead point; where several folds of one block coincide, as in a Sarrus
             linkage that is drawn out, with an error of the root of what is left. Of several inputs, all angles or all

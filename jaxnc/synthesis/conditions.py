@@ -373,6 +373,7 @@ class OnlyCircuit(Condition):
             return f"may be assembled on another circuit, which cannot be told: {error}"
         if found.doubtful:
             return "has circuits that cannot be told apart over its range"
+        drawn = not self.stops
         for branch in found.branches:
             inside = np.ones(len(branch.poses.status), bool)
             for what, (low, high) in self.stops:
@@ -380,7 +381,8 @@ class OnlyCircuit(Condition):
             if branch.circuit != found.drawn and inside.any():
                 at = np.asarray(branch.poses.inputs[name])[np.argmax(inside)]
                 return f"can be assembled on another circuit, at {name} = {at:.4g}"
-        return ""
+            drawn |= branch.circuit == found.drawn and bool(inside.any())
+        return "" if drawn else "is never between the stops itself"
 
 
 @dataclass(frozen=True)
@@ -468,10 +470,10 @@ def no_flip(distance: float | None = None, input: float | None = None) -> Condit
 def only_circuit(stops: Mapping[str, tuple[float | None, float | None]] | None = None) -> Condition:
     """Over its range the mechanism closes on one circuit only, so that it cannot be assembled wrongly.
 
-    This is no slope that a search could follow, but a check of the designs that it finds: one with another circuit has
-    a defect, and is listed after all those without one. A four-bar that turns has two circuits in any case; stops tell
-    which of them can be assembled. A circuit that closes outside of the range only counts as several, as
-    `jaxnc.circuits` counts it.
+    This is no slope that a search could follow, but a check of the designs that it finds: one with another circuit, or
+    that is never between the stops, has a defect, and is listed after all those without one. A four-bar that turns has
+    two circuits in any case; stops tell which of them can be assembled. A circuit that closes outside of the range only
+    counts as several, as `jaxnc.circuits` counts it.
 
     Args:
         stops: least and largest value of coordinates (``"psi"``, ``"C.y"``) by name, between which a pose has to be for

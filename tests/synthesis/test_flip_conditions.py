@@ -56,6 +56,8 @@ def test_stops_tell_which_circuit_can_be_assembled():
     assert not both.found and "another circuit, at phi" in both.designs[0].defects[0]
     above = S.solve(problem(S.only_circuit(stops={"C.y": (0.0, None)})), **settings)
     assert above.found and not above.designs[0].defects
+    beyond = S.solve(problem(S.only_circuit(stops={"C.y": (40.0, None)})), **settings)
+    assert not beyond.found and "never between the stops" in beyond.designs[0].defects[0]
     with pytest.raises(nc.InputError, match=r"no coordinate 'C.z' with a stop"):
         problem(S.only_circuit(stops={"C.z": (0.0, None)}))
     with pytest.raises(nc.InputError, match="give distance"):

@@ -203,3 +203,16 @@ def test_copies_of_a_wide_exact_design_are_one(apart, count):
     x[problem.names.index("C.x")] += apart
     ends = [(End(row, 1e-28, 0.0, 0.0, 0.0, 1, ""), 1) for row in (problem.start, x)]
     assert len(distinct_basins(problem, ends)) == count
+
+
+def test_a_function_is_listed_once_wherever_a_point_rides_that_nothing_asks_for():
+    """One linkage drawn in two poses, its tracing point where it was."""
+    m = four_bar()
+    m.angle("psi", at="D", to="C")
+    values, free = np.linspace(0.9, 1.9, 5), ["B", "C"]
+    problem = S.FunctionGeneration(m, "psi", values, 2.0 + 0.1 * values, "phi", free, output_offset=True)
+    motion = nc.sweep(m.compile(), {"phi": [0.8, 1.1]})
+    rows = [np.append(np.concatenate([motion["B"][k], motion["C"][k]]), 0.1) for k in range(2)]
+    assert len(as_they_are(problem, rows, 2)) == 1
+    rows[1][3] += 0.01
+    assert len(as_they_are(problem, rows, 2)) == 2

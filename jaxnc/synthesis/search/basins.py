@@ -19,6 +19,7 @@ from jaxnc.synthesis.problem import Problem, with_fields
 from jaxnc.synthesis.pytree import take
 from jaxnc.synthesis.search.goal import Goal
 from jaxnc.synthesis.search.sqp import LANES, MEETS, End, Sqp
+from jaxnc.system.identity import Thing
 
 # -- ends --------------------------------------------------------------------------------------------------------------
 
@@ -130,11 +131,17 @@ def mark_of(problem: Problem, q: np.ndarray) -> np.ndarray:
 
     From each other, and from the middle of each other's way. Fixed points do not count: pivots follow from the points
     that turn about them, and where on a line a guide is drawn is of no interest. Functions of angles do not know how
-    large a mechanism is either.
+    large a mechanism is either, nor where points are that only ride on a body.
     """
     top = problem.system.topology
     q = q[:, : len(top.points) * top.dim].reshape(-1, len(top.points), top.dim)
     moving = ~np.array(top.fixed, bool)[: len(top.points) * top.dim].reshape(-1, top.dim).all(axis=1)
+    if problem.unit == "rad":
+        rows = [pair for block in top.blocks for pair in zip(block.points, block.owners, strict=True)]
+        asked = {p for points, owners in rows for p in points if any(one.thing is not Thing.BODY for one in owners)}
+        bodies = np.bincount([p for body in top.bodies for p in body.points], minlength=len(top.points))
+        counts = [p for p in range(len(top.points)) if bodies[p] != 1 or p in asked]
+        q, moving = q[:, counts], np.asarray(moving)[counts]
     if len(q) >= 4 and moving.any():  # of 4 targets and more the points that move tell of those that do not
         q = q[:, moving]
         q = np.concatenate([q, np.broadcast_to(q.mean(axis=0), q.shape)], axis=1)

@@ -310,10 +310,10 @@ def _lay_best(fits: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 BARS = (4, 6, 8)
-_FORM = 1  # of the files, and of how designs are made; another number when either changes
+_FORM = 2  # of the files, and of how designs are made; another number when either changes
 _PART = 25_000  # designs of a file
 _POSES = 64  # at which designs are looked at when they are made
-_LEAST = float(np.sin(np.radians(8.0)) ** 2)  # of the transmission angle
+_LEAST = float(np.sin(np.radians(8.2)) ** 2)  # of the transmission angle: 8 degrees, as poses in between are estimated
 _LANES = 2048  # designs that are made together
 _SHARES = {4: 0.1, 6: 0.3, 8: 0.6}
 _SLIDERS = (0.55, 0.25, 0.12, 0.08)  # shares of designs with none, one, two, three and more sliding pairs
@@ -470,9 +470,9 @@ def atlas(
     """Make an atlas of crank-driven linkages and their curves, or read what was made before.
 
     Designs are drawn at random over all chains of dyads; lengths are chosen so that the crank turns. Every design is
-    moved all the way round by the closed form of its dyads, and none whose transmission angle falls below 8 degrees
-    is kept. The designs are kept in files of 25,000: what was interrupted goes on, and a larger atlas keeps
-    the smaller one.
+    moved all the way round by the closed form of its dyads. None is kept whose transmission angle falls below
+    8 degrees, between the 64 poses too, or of which a link turns by more than 45 degrees from one pose to the next.
+    The designs are kept in files of 25,000: what was interrupted goes on, and a larger atlas keeps the smaller one.
 
     Args:
         count: how many designs, rounded up to whole files.
@@ -579,7 +579,7 @@ def _write(path: Path | None, shelves: dict[int, Shelf]) -> None:
 
 
 def _make_part(seed: list[int], part: int, tell: Callable[[int], Any]) -> dict[int, Shelf]:
-    rng = np.random.default_rng((*seed, part, _FORM))
+    rng = np.random.default_rng((*seed, part, 1))  # numbers of its own, the same in every form
     shelves = {}
     for bars in BARS:
         wanted, found = round(_SHARES[bars] * _PART), []
@@ -663,6 +663,7 @@ def _made(chain: ChainArrays, uniform: Array, start: Array, steps: Array) -> tup
         own = points[:-1] - jnp.mean(points[:-1], axis=0)
         size = jnp.sqrt(jnp.mean(jnp.sum(own * own, axis=1)))
         part = upright(normalise(open_coefficients(points, jnp, inside), jnp), jnp)
-        return sign, design, jnp.min(traced.sine), size, normalise(closed_coefficients(own, jnp), jnp), part
+        least = jnp.min(curves.least_between(traced.sine[:, :-1]))
+        return sign, design, least, size, normalise(closed_coefficients(own, jnp), jnp), part
 
     return jax.vmap(one)(chain, uniform, start, steps)

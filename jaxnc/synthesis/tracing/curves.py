@@ -219,7 +219,8 @@ def sample(chain: ChainArrays, u: Array, theta: Array) -> tuple[Array, Array, Tr
         theta: angles of the crank all round, ``(T,)``.
 
     Returns:
-        The assembly of each dyad, the design, and what it does at the angles.
+        The assembly of each dyad, the design, and what it does at the angles. Where a link turns so far from one angle
+        to the next that it may do anything in between, the sines are below zero.
     """
     frames, rows, signs, sines = begin(theta), [], [], []
     size = [jnp.asarray(3.0), jnp.asarray(1.0)]  # of bodies
@@ -234,8 +235,18 @@ def sample(chain: ChainArrays, u: Array, theta: Array) -> tuple[Array, Array, Tr
     radius, turn = own * 1.6 * u[-1, 0] ** 0.5, 2.0 * jnp.pi * u[-1, 1]
     local = radius * jnp.cos(turn) + 0.5 * own, radius * jnp.sin(turn)
     point = frame_of(frames[-2:], chain.tracer - (len(frames) - 2)).at(local)
-    traced = Traced(jnp.stack(point), jnp.stack(sines))
+    cosines = [sum(a[1:] * a[:-1] for a in frame.along) for frame in frames[2:]]
+    shown = jnp.min(functools.reduce(jnp.minimum, cosines)) > 0.7  # 45 degrees
+    traced = Traced(jnp.stack(point), jnp.where(shown, jnp.stack(sines), -1.0))
     return jnp.stack(signs), jnp.stack([*rows, *local]), traced
+
+
+def least_between(values: Array) -> Array:
+    """Least of values all round, between them too, where parabolas run through each and its neighbours, ``(…,)``."""
+    before, after = jnp.roll(values, 1, axis=-1), jnp.roll(values, -1, axis=-1)
+    lowest = (values <= before) & (values <= after)
+    bend = jnp.where(lowest, before + after - 2.0 * values, 0.0)
+    return jnp.min(values - (before - after) ** 2 / (8.0 * jnp.where(bend > 0.0, bend, jnp.inf)), axis=-1)
 
 
 def redraw(chain: ChainArrays, sign: Any, x: Any, u: Array, theta: Array) -> tuple[Array, Array, Array, Frame]:

@@ -561,9 +561,8 @@ def begin_timed(lanes: Lanes, target: Target) -> Lanes:
         best = int(left.argmin())
         place = goal_centre - factor[best] * centre[best]
         row[k, -6:-1] = place.real, place.imag, factor[best].real, factor[best].imag, best * 2.0 * np.pi / _BEGINS
-    row[:, -1] = (
-        lanes.row[:, -1] if target.closed else float(np.asarray(target.timing)[np.asarray(target.weight) > 0].max())
-    )
+    last = float(np.asarray(target.timing)[weight > 0][-1])
+    row[:, -1] = np.copysign(2.0 * np.pi, last) if target.closed else last
     return lanes._replace(row=row)
 
 

@@ -89,7 +89,7 @@ class Curve(NamedTuple):
     centre: np.ndarray  # (2,)
     size: float  # root mean square distance from the centre, by arc length
     even: np.ndarray  # corners at equal distances, in units of the size about the centre, (COUNT, 2)
-    timing: np.ndarray | None  # of the points as given, from zero on
+    timing: np.ndarray | None  # of the points as given, counted from the first: they rise or fall
 
     @property
     def line(self) -> np.ndarray:
@@ -119,8 +119,6 @@ class Curve(NamedTuple):
         if not steps.max() > 1e-150:
             raise InputError("trace: all points are the same to within 1e-150; draw a curve")
         when = None if timing is None else as_timing(timing, len(given), "trace: timing", 2.0 * np.pi, remedy=_ONE_TURN)
-        if when is not None and when[-1] < when[0]:
-            given, when = given[::-1], when[::-1]
         keep = np.append(True, steps > 1e-12 * steps.max()) if when is None else np.ones(len(given), bool)
         given = given[keep]
         gap = np.linalg.norm(given[-1] - given[0])
@@ -889,8 +887,7 @@ def _look_closely(target: Curve, terms: _Terms, lanes: Lanes, bars: int, exact: 
         if not _within(lanes, k, place, factor, terms.ground, target.size):
             continue
         chain = _chain_of(lanes, k, bars)
-        span = 2.0 * np.pi if target.closed else float(row[-1])
-        drawn = ChainDesign(chain, np.asarray(lanes.sign[k]), row[:-6], place, factor, float(row[-2]), span)
+        drawn = ChainDesign(chain, np.asarray(lanes.sign[k]), row[:-6], place, factor, float(row[-2]), float(row[-1]))
         angle = float(np.arcsin(np.sqrt(np.clip(sines[k], 0.0, 1.0))))
         points = target.centre + target.size * curves[k]
         design = TracedDesign(chain, 0.0, exact, points, target.closed, angle, turns, drawn)
