@@ -16,9 +16,9 @@ from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import blame_force, check_loads, dynamics, forces, potential
 from jaxnc.dynamics.reactions import Reactions, motion_reactions
-from jaxnc.dynamics.start import assemble_pose, check_pose
+from jaxnc.dynamics.start import assemble_pose, check_pose, read_numbers
 from jaxnc.errors import AssemblyError, InputError, nearest
-from jaxnc.kinematics.inputs import doubt_degrees, in_radians, one_number, outside
+from jaxnc.kinematics.inputs import doubt_degrees, in_radians, outside
 from jaxnc.kinematics.motion import Motion
 from jaxnc.records import record
 from jaxnc.solvers import dense
@@ -26,7 +26,7 @@ from jaxnc.solvers.dense import solver
 from jaxnc.solvers.newton import largest
 from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
-from jaxnc.system.equations import refuse_rates, residual, weights
+from jaxnc.system.equations import guards, refuse_rates, residual, weights
 from jaxnc.system.precision import as_its_system, limits, more_digits, numbers
 from jaxnc.system.system import System
 from jaxnc.types import Array, Inputs
@@ -99,13 +99,14 @@ def equilibrium(
         state: where to begin, as in `jaxnc.simulate`; the assembled drawing if not given.
         method: ``"minimum"`` follows the forces down to a minimum of the potential energy; ``"newton"`` goes to the
             nearest equilibrium, stable or not.
-        hold: coordinates that are held at these values; `Equilibrium.reactions` then say what it takes.
+        hold: coordinates that are held at these values, which are gone to along the branch of the start;
+            `Equilibrium.reactions` then say what it takes.
         throw: raise `AssemblyError` if none is found. Default: outside of traced code.
         unit: what angles of `state` and `hold` are given in, ``"rad"`` or ``"deg"``.
 
     Returns:
         The equilibrium with its stability. Pose and reactions are differentiable, to any order, with respect to the
-        system; the stiffness is not, `jaxnc.linearise` has frequencies that are.
+        system and what is held; the stiffness is not, `jaxnc.linearise` has frequencies that are.
 
     Raises:
         InputError: unknown names or method.
@@ -121,47 +122,43 @@ def equilibrium(
     state, hold = in_radians(system, unit, state, hold)
     inner = extended(system)
     dyn = dynamics(inner)
-    for name, value in (hold or {}).items():
+    for name in hold or ():
         if name not in system.topology.position:
             raise InputError(f"{system.topology.name!r} has no coordinate {name!r} to hold; "
                              f"{nearest(name, system.topology.coordinates)}")  # fmt: skip
-        outside(value, f"equilibrium(hold={{{name!r}: …}})")
-    drives = tuple((name, _Constant(one_number(value, f"hold: {name!r}"))) for name, value in (hold or {}).items())
-    flow = Flow.of(dyn, system.degrees_of_freedom, drives)
+    drives = tuple((name, _hold) for name in hold or ())
+    asked = tuple((read_numbers(value, f"hold: {name!r}"),) for name, value in (hold or {}).items())
+    flow = dataclasses.replace(Flow.of(dyn, system.degrees_of_freedom, drives), drive_args=asked)
     if hold and state is None and len(hold) == system.degrees_of_freedom:
         state = hold  # nothing else to find: the drawing's branch is followed to there
     # The search has no derivatives, and is the same program with and without them: they follow from where it ends.
     still, given = jax.lax.stop_gradient((system, check_pose(system, state)))
     begin = lift(system.topology, assemble_pose(still, given, throw is not False))
     q, lam, values, left, gap, status = _find(jax.lax.stop_gradient(flow), begin, method == "minimum")
-    q, rows = _attach(flow, q, lam, status == 0)
+    q, rows, held = _attach(flow, q, lam, status == 0)
     q = lower(system.topology, q)
-    zero, asked, least = on_device(
-        [np.zeros(q.shape, q.dtype), np.array([f.value for _, f in drives], q.dtype), np.zeros((), q.dtype)]
-    )
-    motion = Motion(system, tuple(n for n, _ in drives), (), q, (zero, zero), asked, status, gap, None, least)
+    zero, least = on_device([np.zeros(q.shape, q.dtype), np.zeros((), q.dtype)])
+    motion = Motion(system, tuple(n for n, _ in drives), (), q, (zero, zero), held, status, gap, None, least)
     if throw:
         outside(status, "throw=True")
     if throw is not False and not isinstance(status, Tracer) and int(status):
         if not np.isfinite(left) and (culprit := blame_force(dyn, jnp.zeros(()), begin, jnp.zeros_like(begin))):
             raise InputError(f"{system.name!r}: force {culprit!r} is not finite where the search begins")
+        why = {
+            Status.NOT_REACHED: "what is held does not come to its values on the branch that the search begins on",
+            Status.TOO_FAR: "and after 2000 steps the search is still on its way: it is very far, or nowhere",
+        }.get(Status(int(status)), f"the constraints are met to {float(gap):.3g}")
         raise AssemblyError(
-            f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, the "
-            f"constraints are met to {float(gap):.3g}. Begin elsewhere with state=, or give it springs or gravity "
-            f"that hold it{more_digits(left)}"
+            f"{system.name!r}: no equilibrium was found from here; a force of {float(left):.3g} N is left, {why}. "
+            f"Begin elsewhere with state=, or give it springs or gravity that hold it{more_digits(left)}"
         )
     free = max(system.degrees_of_freedom - len(drives), 1)
     return Equilibrium(motion, rows, values[:free], left)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Constant:
-    """A constant function of time that is equal to another of the same value."""
-
-    value: float
-
-    def __call__(self, t: Array) -> Array:
-        return 0.0 * t + self.value
+def _hold(t: Array, value: Array) -> Array:
+    """Return what a coordinate is held at, as a function of time."""
+    return 0.0 * t + value
 
 
 def _residual_forces(flow: Flow, q: Array, lam: Array) -> Array:
@@ -227,6 +224,7 @@ def _change_equilibrium(found: tuple[Array, Array], flow: Flow, ok: Array, chang
 
     def imbalance(flow: Flow) -> tuple[Array, Array, Array]:
         at = q.at[view.fixed].set(flow.dyn.eq.home[view.fixed])
+        at = at.at[view.known].set(flow.drive_values(jnp.zeros(()))[0])
         return at, _residual_forces(flow, at, lam), residual(flow.dyn.eq, at)[view.rows]
 
     change = jax.tree.map(lambda d: d if d.dtype == jax.dtypes.float0 else jnp.where(ok, d, 0.0), changes[0])
@@ -258,6 +256,39 @@ class _Place:
     other: Array  # forces that have none
 
 
+def _is_upright(flow: Flow, q: Array) -> Array:
+    """Say whether a pose is finite, and no row and no body of it is met by a mirror image or half a turn away."""
+    return jnp.isfinite(q).all() & jnp.all(jnp.concatenate(guards(flow.dyn.eq, q)) > 0.0)
+
+
+def _approach_held(flow: Flow, q: Array) -> tuple[Array, Array]:
+    """Follow the branch from a pose to what is held, the others moved as little as they can be.
+
+    Returns:
+        The pose, the last one on the branch where that does not lead there; whether it does.
+    """
+    known, eq = flow.view.known, flow.dyn.eq
+    begin, change = q[known], flow.drive_values(jnp.zeros(()))[0] - q[known]
+    most = 0.1 / jnp.maximum(0.1, largest(weights(eq)[known] * change) / eq.length)  # of the way: a tenth of the size
+
+    def more(state):
+        way, step, _ = state
+        return (way < 1.0) & (step > 1e-4 * most)
+
+    def follow(state):
+        way, step, q = state
+        now = jnp.minimum(way + step, 1.0)
+        new = flow.project_position(q.at[known].set(begin + now * change), 6)
+        met = largest(residual(eq, new)[flow.view.rows]) <= 10 * limits(q).accept * eq.length
+        near = largest(weights(eq) * (new - q)) <= eq.length  # a step that leaps has left the branch
+        good = met & near & _is_upright(flow, new)
+        step = jnp.where(good, jnp.minimum(1.5 * step, most), 0.5 * step)
+        return jnp.where(good, now, way), step, jnp.where(good, new, q)
+
+    way, _, q = jax.lax.while_loop(more, follow, (jnp.zeros(()), most, q))
+    return q, way >= 1.0
+
+
 @filter_jit
 def _find(flow: Flow, q: Array, downhill: bool):
     view, u = flow.view, flow.view.unknown
@@ -265,8 +296,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
     # What is nearest is measured in lengths here: there may be no masses.
     flow = dataclasses.replace(flow, ready=(weight, jnp.ones(()), jnp.eye(len(u))))
     home = jnp.asarray(flow.dyn.eq.home)[view.fixed]
-    q = flow.impose(jnp.zeros(()), q.at[view.fixed].set(home), q)[0]
-    q = flow.project_position(q, 20)  # 20 corrections of a start, which what is held may be far from
+    q = flow.project_position(q.at[view.fixed].set(home), 20)  # 20 corrections of a start, which may be far off
+    q, reached = _approach_held(flow, q) if flow.drives else (q, True)
     length, least = flow.dyn.eq.length, limits(q)
 
     def evaluate(q) -> _Place:
@@ -282,20 +313,22 @@ def _find(flow: Flow, q: Array, downhill: bool):
 
     def more(state):
         i, *_, stop = state
-        return (i <= 200) & ~stop
+        return (i <= 2000) & ~stop
 
     def step(state):
         """Take a trial or not, and make the next: so everything is asked in one line of the program, the start too."""
-        i, q, at, new, far, shift, _ = state
+        i, q, at, new, far, shift, reach, _ = state
         now, size = evaluate(new), jnp.maximum(largest(at.f), least.tiny)
         # What is gained on the way: of the potential, less the work of the loads that have none.
         gain = now.energy - at.energy - 0.5 * jnp.dot(at.other + now.other, new - q)
         # Differences of energies are known to the rounding of the energies; forces may be none where springs balance.
         better = gain <= least.rounding * (size * length + jnp.abs(at.energy)) if downhill else jnp.ones((), bool)
-        good = (i == 0) | (jnp.isfinite(new).all() & better)
+        good = (i == 0) | ((_is_upright(flow, new) if downhill else jnp.isfinite(new).all()) & better)
         q, at = jax.tree.map(lambda new, old: jnp.where(good, new, old), (new, now), (q, at))
         shift = jnp.where(good, 0.1 * shift, jnp.maximum(10.0 * shift, 1e-4))
         shift = jnp.where(shift < 1e-8, 0.0, shift)
+        # A way of more than 40 steps is a long one: they grow to the size, while each of them is good.
+        reach = jnp.where(good & (i > 40), jnp.minimum(1.5 * reach, 1.0), 0.2)
         balanced = largest(at.free) <= least.force * jnp.maximum(largest(at.f), least.tiny)
         stop = (i > 0) & (balanced | (far < 2.5 * least.floor * length) | (shift > 1e8))
         k, p = at.k, at.p
@@ -311,27 +344,30 @@ def _find(flow: Flow, q: Array, downhill: bool):
             rows = saddle(k / spread + _indifferent(k / spread, p), at.j, True)
             dx, _ = rows(at.free / spread, jnp.zeros(at.j.shape[0]))
         # What is balanced stays: where it meets no stiffness, rounding would send it anywhere.
-        dx = jnp.where(balanced, 0.0, dx * jnp.minimum(1.0, 0.2 * length / jnp.maximum(largest(dx), least.tiny)))
+        dx = jnp.where(balanced, 0.0, dx * jnp.minimum(1.0, reach * length / jnp.maximum(largest(dx), least.tiny)))
         new = flow.project_position(view.move(q, dx / weight), 4)
-        return i + 1, q, at, new, largest(dx), shift, stop
+        return i + 1, q, at, new, largest(dx), shift, reach, stop
 
     none = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(evaluate, q))
-    begin = (0, q, none, q, jnp.zeros(()), jnp.zeros(()), jnp.zeros((), bool))
-    _, q, at, *_ = jax.lax.while_loop(more, step, begin)
+    begin = (0, q, none, q, jnp.zeros(()), jnp.zeros(()), jnp.full((), 0.2), jnp.zeros((), bool))
+    _, q, at, *_, stopped = jax.lax.while_loop(more, step, begin)
     f, lam, k, p = at.f, at.lam, at.k, at.p
     left = largest(at.free)
     gap = largest(residual(flow.dyn.eq, q)[view.rows])
     spread = _largest_stiffness(k, f, length)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(least.balance * jnp.maximum(largest(f), least.tiny), least.rounding * largest(k) * length)
-    status = jnp.where((left <= rounding) & (gap <= 10 * limits(gap).accept * length), 0, int(Status.DID_NOT_ASSEMBLE))
+    found = (left <= rounding) & (gap <= 10 * limits(gap).accept * length) & _is_upright(flow, q)
+    lost = jnp.where(stopped, int(Status.DID_NOT_ASSEMBLE), int(Status.TOO_FAR))
+    status = jnp.where(reached, jnp.where(found, 0, lost), int(Status.NOT_REACHED))
     values, _ = _admissible_stiffness(k / spread, p)
     values = jnp.where(_neutral(values), 0.0, spread * values)  # rounding is no stiffness
     return jnp.where(jnp.isfinite(q), q, 0.0), lam, values, left, gap, status
 
 
 @filter_jit
-def _attach(flow: Flow, q: Array, lam: Array, ok: Array) -> tuple[Array, Array]:
-    """Attach to an equilibrium how it changes with the design; return it and the multipliers of all rows."""
+def _attach(flow: Flow, q: Array, lam: Array, ok: Array) -> tuple[Array, Array, Array]:
+    """Attach to an equilibrium how it changes with the design; return it, multipliers of all rows, what is held."""
     q, lam = attach(_balanced_change, None, (q, lam), flow, ok)
-    return q, jnp.zeros(len(flow.dyn.topology.rows)).at[flow.view.rows].set(lam)
+    rows = jnp.zeros(len(flow.dyn.topology.rows)).at[flow.view.rows].set(lam)
+    return q, rows, flow.drive_values(jnp.zeros(()))[0]

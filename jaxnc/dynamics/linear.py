@@ -14,7 +14,7 @@ from jaxnc.dynamics.equilibrium import Equilibrium
 from jaxnc.dynamics.extended import extended, lift, lower
 from jaxnc.dynamics.flow import Flow, evaluate_rows
 from jaxnc.dynamics.model import check_loads, dynamics, forces
-from jaxnc.dynamics.start import Rates, assemble_pose, check_start, start_rates
+from jaxnc.dynamics.start import Rates, assemble_pose, check_begin, check_start, start_rates
 from jaxnc.errors import InputError, brief, nearest
 from jaxnc.internals import values_behind
 from jaxnc.kinematics.inputs import array, finite, outside
@@ -244,12 +244,14 @@ def linearise(
         The linearisation: frequencies, modes, matrices. Differentiable (first derivatives).
 
     Raises:
-        InputError: unknown names, or not as many coordinates as there are freedoms.
+        InputError: unknown names, not as many coordinates as there are freedoms, or a motion that has no inertia.
     """
     check_loads(system, "linearise()", moves=True)
     top = system.topology
     state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
     flow, q, v = _steady(system, assemble_pose(system, state), known_rates)
+    if (numbers := values_behind((flow, q))) is not None:
+        check_begin(*numbers)
     names, known = _name_coordinates(system, flow, q, v, coordinates)
     for name in inputs:
         if name not in top.position:

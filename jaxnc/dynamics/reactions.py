@@ -227,7 +227,7 @@ class Reactions:
         Returns:
             The wrench, with the loads and masses at the point. Where the body alone holds the point, it is that of the
             joints which act there, each as a whole, as `joint` gives it about the point, and the pull of cables and
-            inputs on it.
+            inputs on it. A weld acts at the point that its bodies share; where they share none ask `joint` for it.
 
         Raises:
             InputError: an unknown body, or a point that it does not have.

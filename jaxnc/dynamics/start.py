@@ -69,10 +69,10 @@ def check_pose(system: System, state: Motion | Inputs | None) -> Any:
             f"{counted(system.degrees_of_freedom, 'freedom')}: give as many, or places to start near to, "
             f"state={{'P': (x, y)}}"
         )
-    return {name: _read_numbers(value, f"state of {name!r}") for name, value in state.items()}
+    return {name: read_numbers(value, f"state of {name!r}") for name, value in state.items()}
 
 
-def _read_numbers(value: object, what: str, *shape: int) -> Array:
+def read_numbers(value: object, what: str, *shape: int) -> Array:
     """Read one finite number, or as many as a shape says."""
     found = finite_array(value, what)
     if found.shape != shape:
@@ -179,10 +179,10 @@ def check_rates(system: System, rates: Motion | Inputs | None) -> Rates:
         what = f"rate of {name!r}"
         if name in (*top.points, *top.vectors):
             places += [f"{name}.{axis}" for axis in "xyz"[: top.dim]]
-            values += [*_read_numbers(value, what, top.dim)]
+            values += [*read_numbers(value, what, top.dim)]
         elif name in top.position:
             places.append(name)
-            values.append(_read_numbers(value, what))
+            values.append(read_numbers(value, what))
         else:
             names = (*top.points, *top.vectors, *top.scalars)
             raise InputError(f"rates: no point or coordinate {name!r}; {nearest(name, names)}")

@@ -720,12 +720,13 @@ class Ledger:
         """Return what acts on a body where it holds a point: what passes, loads and masses; on its own also joints.
 
         A joint counts as a whole: of what its rows put on single points only the sum is a wrench. A cable, relation or
-        constraint is a force on the point itself.
+        constraint is a force on the point itself. A weld, whose rows take any points of its bodies, has no place but
+        the point that these share.
         """
         found = self.through(b, p)
         zero = self.points[..., 0, :] * 0.0
         force, moment = self.wrenches[b][found[0]] if found is not None else (zero, cross(zero, zero))
-        whole = set()
+        whole = {key_of(joint) for joint in self.top.joints if joint.bodies}  # once, and never of a weld
         for key, more in self.pressing.get((b, p), []):
             if found is not None and (key[0] != "load" or key == found[0]):
                 continue

@@ -23,7 +23,7 @@ from jaxnc.notebooks import Shown, align_columns
 from jaxnc.records import record, static
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float
-from jaxnc.vehicle.hardpoints import RACK, Line, Names, names_in, trade_names, usual
+from jaxnc.vehicle.hardpoints import RACK, USUAL, Line, Names, names_in, trade_names, usual
 
 SIZES = (0.04, 8.0)
 """How wide a suspension may be, metres: of model cars to haul trucks."""
@@ -251,12 +251,14 @@ def suspension(
         spin_axis: direction of the wheel's axis, either way round: a unit vector or marker, or two points. Default:
             ``("wheel_centre", "spindle")``, ``spin_axis``, or ``v2``.
         steering_axis: two points of it (lower ball joint, upper ball joint or top mount). Default: ``("lower_ball",
-            "upper_ball")``, or ``("2", "8")``. Without such points the instantaneous axis about which the carrier
-            steers (multilink suspensions), the spring's length held where a spring is known, else the wheel's height.
+            "upper_ball")``, or ``("2", "8")`` of figure 42. Without such points the instantaneous axis about which the
+            carrier steers (multilink suspensions), the spring's length held where a spring is known, else the wheel's
+            height.
         contact: a point or marker drawn where the wheel touches the road; its drawn distance from the wheel centre is
             the tyre's loaded radius. Default: ``contact``.
         radius: the loaded radius itself, a length, instead.
-        spring: the spring or damper: a distance by name, or the two points of its ends. Default: ``damper`` or ``s``.
+        spring: the spring or damper: a distance by name, or the two points of its ends. Default: ``damper``, or
+            ``s`` of figure 42.
         bump: the input by which the wheel rises, driven or held. Default: the wheel centre's height, or else the
             spring's length, or else the first that does not steer and is no place along x or y.
         steer: for an instantaneous steering axis, that of the carrier: the input that steers. Default: the rack,
@@ -358,7 +360,7 @@ def resolve(motion: Motion, given: Options) -> Layout:
         motion._body(carrier)
     else:
         carrier = next((m.body for m in top.markers if m.name == names.contact), None)
-    rack = RACK.get(names.wheel_centre)
+    rack = RACK.get(names.wheel_centre, "tie_inner.y")
     steer = given.steer or (rack if rack in known and carrier is not None else None)
     screw = None
     if steer is not None and names.steering_axis is None:
@@ -383,7 +385,9 @@ _KINDS = {
 
 def _part_names(motion: Motion, given: Options) -> Names:
     """Take the names given for the parts, or the usual ones where the mechanism has them."""
-    top, known = motion.system.topology, usual(motion.names)
+    top, known, centre = motion.system.topology, usual(motion.names), given.wheel_centre
+    # Each name is looked up by itself; but the figure's numbers are those of its parts only where its wheel is.
+    layouts = [n for n in (known, *USUAL) if n and (n is known or n.wheel_centre in (USUAL[0].wheel_centre, centre))]
     places, ways = ({m.name for m in top.markers if m.direction == way} for way in (False, True))
     places |= {*top.points}
     lengths = {name for name, angle in zip(top.scalars, top.angles, strict=True) if not angle}
@@ -398,9 +402,8 @@ def _part_names(motion: Motion, given: Options) -> Names:
     for role in Names._fields:
         name = getattr(given, role)
         if name is None:
-            name = getattr(known, role, None)
-            if name is not None and not fits(role, name):
-                name = None
+            names = (getattr(layout, role) for layout in layouts)
+            name = next((n for n in names if fits(role, n)), None)
             if name is None and role in ("wheel_centre", "spin_axis"):
                 raise InputError(
                     f"suspension: {motion.system.name!r} has none of the usual names for its "

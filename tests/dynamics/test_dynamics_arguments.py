@@ -92,13 +92,9 @@ def lost():
         (simulate(rates={"phi": INF}), "rate of 'phi': 1 of 1 values are NaN"),
         (lambda: nc.simulate(pendulum(), T, lost()), "the pose: 7 of 7 values are NaN"),
         (lambda: nc.linearise(pendulum(), lost()), "the pose: 7 of 7 values are NaN"),
-        (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi' must be one finite number"),
-        (lambda: nc.equilibrium(pendulum(), hold={"phi": [1.3, 1.2]}), "hold: 'phi' must be one finite number"),
+        (lambda: nc.equilibrium(pendulum(), hold={"phi": NAN}), "hold: 'phi': 1 of 1 values are NaN"),
+        (lambda: nc.equilibrium(pendulum(), hold={"phi": [1.3, 1.2]}), "hold: 'phi' must be one number"),
         (lambda: nc.equilibrium(pendulum(), hold={"ph1": 0.1}), "no coordinate 'ph1' to hold"),
-        (
-            lambda: jax.jit(lambda x: nc.equilibrium(pendulum(), hold={"phi": x}).motion.q)(0.1),
-            "equilibrium(hold={'phi': …}) works outside",
-        ),
         (lambda: nc.inverse_dynamics(pendulum(), {"phi": 1.0}), "motion() or sweep(); got dict"),
         *(
             (lambda f=f: f(nc.library.four_bar()), "got Mechanism; call its compile()")

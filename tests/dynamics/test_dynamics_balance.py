@@ -560,3 +560,71 @@ def test_of_wheels_on_axes_that_pass_each_other_only_couples_are_known():
     for body, couple in (("worm", [-0.75, 0, 0]), ("wheel", [0, -3, 0])):
         np.testing.assert_allclose(found.joint("mesh", on=body).force, 0.0, atol=1e-12)
         np.testing.assert_allclose(found.joint("mesh", on=body).moment[0], couple, atol=1e-9)
+
+
+def hung_bob():
+    m = nc.Mechanism("bob on a crank")
+    m.ground("A", (0, 0)), m.point("B", (1, 0)), m.point("W", (1.01, -1))
+    m.body("crank", ["A", "B"], mass=1.0), m.body("bob", ["B", "W"], mass=1.0)
+    m.angle("phi", at="A", to="B")
+    m.gravity = (0, -G)
+    return m.compile()
+
+
+def test_what_is_held_is_reached_along_the_branch():
+    """The bob hangs under the crank wherever that is held, also after turns, and its torque is 3/2 m g r cos φ."""
+    system, values = hung_bob(), np.array([2.0, -2.5, 3.0 + 4.0 * np.pi])
+
+    def effort(phi):
+        return nc.equilibrium(system, hold={"phi": phi}).reactions.effort("phi")
+
+    for phi in values:
+        found = nc.equilibrium(system, hold={"phi": phi})
+        crank = np.array([np.cos(phi), np.sin(phi)])
+        assert float(found["phi"]) == float(found.motion.inputs["phi"]) == phi and found.stable
+        np.testing.assert_allclose(found["B"], crank, atol=1e-12)
+        np.testing.assert_allclose(found["W"], crank - [0, np.hypot(0.01, 1.0)], atol=1e-9)
+        assert float(effort(phi)) == pytest.approx(1.5 * G * np.cos(phi), abs=1e-9)
+    slopes = jax.vmap(jax.grad(effort))(jnp.array(values))
+    np.testing.assert_allclose(slopes, -1.5 * G * np.sin(values), rtol=1e-7)
+
+
+def test_other_held_values_compile_nothing():
+    system, compiled = hung_bob(), []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: compiled.append(name))
+    nc.equilibrium(system, hold={"phi": 0.3})
+    before = sum("backend_compile" in name for name in compiled)
+    nc.equilibrium(system, hold={"phi": 0.4})
+    assert sum("backend_compile" in name for name in compiled) == before
+
+
+def test_what_is_held_may_be_out_of_reach():
+    with pytest.raises(nc.AssemblyError, match="what is held does not come to its values"):
+        nc.equilibrium(hung_bob(), hold={"W.x": 5.0})
+
+
+@pytest.mark.parametrize("turns", [3, 10])
+def test_a_nut_rests_some_turns_away(turns):
+    """On a screw of lead 2 mm, between its weight and a spring: its energy is a parabola of the turns."""
+    m = nc.Mechanism("jack", dim=3)
+    m.ground("O", (0, 0, 0)), m.ground_vector("z", (0, 0, 1)), m.ground_vector("x", (1, 0, 0))
+    m.point("N", (0, 0, 0.2)), m.vector("u", (0, 1, 0))
+    m.body("nut", ["N"], vectors=["z", "u"], mass=3.0, com=(0, 0, 0.2), inertia=(0.01, 0.01, 0.01))
+    m.screw("thread", line=("O", "z"), on="N", directions=("x", "u"), angle="th", distance="s", lead=0.002)
+    m.gravity = (0, 0, -G)
+    m.spring("k", "s", stiffness=3 * G / 0.01, free=0.21 - 0.002 * turns)
+    assert float(nc.equilibrium(m.compile())["s"]) == pytest.approx(0.2 - 0.002 * turns, abs=1e-9)
+
+
+@pytest.mark.parametrize("free", [50.0, 1e5])
+def test_a_soft_torsion_spring_far_away(free):
+    m = nc.Mechanism("wheel")
+    m.ground("A", (0, 0)), m.point("B", (0.1, 0))
+    m.body("wheel", ["A", "B"])
+    m.angle("p", at="A", to="B")
+    m.spring("k", "p", stiffness=1.0, free=free)
+    if free == 50.0:
+        assert float(nc.equilibrium(m.compile())["p"]) == pytest.approx(free, abs=1e-9)
+    else:
+        with pytest.raises(nc.AssemblyError, match="after 2000 steps the search is still on its way"):
+            nc.equilibrium(m.compile())

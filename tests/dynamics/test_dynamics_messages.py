@@ -179,3 +179,15 @@ def test_what_is_no_equilibrium_is_not_called_stable():
     found = nc.equilibrium(m.compile(), throw=False)
     assert found.motion.status != 0 and not found.stable
     assert "none was found" in repr(found)
+
+
+def test_a_motion_without_inertia_has_no_frequencies():
+    m = nc.Mechanism("springs in series")
+    m.ground("A", (0, 0)), m.point("B", (0, -0.3)), m.point("C", (0, -0.7))
+    m.spring("upper", "A", "B", stiffness=100.0, free=0.3), m.spring("lower", "B", "C", stiffness=200.0, free=0.3)
+    m.point_mass("bob", "C", 2.0)
+    m.gravity = (0, -9.81)
+    system = m.compile()
+    for ask in (nc.linearise, lambda s, q: nc.simulate(s, TIMES, q.motion)):
+        with pytest.raises(nc.InputError, match=r"no inertia.*it moves B\.x"):
+            ask(system, nc.equilibrium(system))

@@ -432,3 +432,40 @@ def test_no_poses_have_no_forces(shape):
     assert nc.dynamics.angular_momentum(none).shape == nc.instant_centre(none, "rod").shape[:-1] == shape
     with pytest.raises(nc.InputError, match=r"first pose.*none"):
         found.unique()
+
+
+@pytest.mark.parametrize("first", ["arm", "tool"])
+def test_a_weld_does_not_act_on_other_points(first):
+    """A bracket of two welded bodies, hinged at A, with a load at E: nothing acts at B and D, all of it passes in C."""
+    m = nc.Mechanism("bracket")
+    m.ground("A", (0, 0))
+    for name, place in {"B": (1, 0), "C": (1, 1), "D": (2, 1), "E": (2, 2)}.items():
+        m.point(name, place)
+    m.body("arm", ["A", "B", "C"]), m.body("tool", ["C", "D", "E"])
+    m.weld("w", first, "tool" if first == "arm" else "arm")
+    m.angle("phi", at="A", to="B")
+    m.force("F", "E", (0, -10.0))
+    found = nc.equilibrium(m.compile(), hold={"phi": 0.0}).reactions
+    for point, body, force, moment in (
+        ("B", "arm", (0, 0), 0),
+        ("D", "tool", (0, 0), 0),
+        ("E", "tool", (0, -10), 0),
+        ("C", "tool", (0, 10), 10),
+    ):
+        wrench = found.at(point, on=body)
+        np.testing.assert_allclose((*wrench.force, wrench.moment), (*force, moment), atol=1e-9)
+
+
+def test_a_weld_leaves_a_guide_alone():
+    """A body on a vertical guide, and a loaded one welded to it: the guide's wrench at B balances the load."""
+    m = nc.Mechanism("guide", dim=3)
+    m.ground("A", (0, 0, 0)), m.ground_vector("z", (0, 0, 1)), m.ground_vector("x", (1, 0, 0))
+    for name, place in {"B": (0, 0, 0.5), "C": (1, 0.5, 0.7), "D": (0.2, 1, 0.9), "E": (1.5, 1, 1)}.items():
+        m.point(name, place)
+    m.vector("u", (1, 0, 0))
+    m.body("slider", ["B", "C"], vectors=["z", "u"]), m.body("tool", ["C", "D", "E"])
+    m.prismatic("guide", line=("A", "z"), on="B", directions=("x", "u"))
+    m.weld("w", "slider", "tool"), m.force("F", "E", (0, 0, -10.0)), m.distance("h", "A", "B", along="z")
+    found = nc.equilibrium(m.compile(), hold={"h": 0.5}).reactions.at("B", on="slider")
+    np.testing.assert_allclose(found.force, (0, 0, 10), atol=1e-9)
+    np.testing.assert_allclose(found.moment, -np.cross((1.5, 1, 0.5), (0, 0, -10)), atol=1e-9)

@@ -404,3 +404,19 @@ def test_macpherson_takes_either_name():
         macpherson({"2": (10, 710, 190), "lower_ball": (10, 710, 190)})
     with pytest.raises(nc.MechanismError, match="'lower_rear' is there to draw 'v1'"):
         macpherson({"v1": (1, 0, 0), "lower_rear": (-300, 380, 220)})
+
+
+def test_each_usual_name_counts_by_itself():
+    m = nc.Mechanism("arm", dim=3, length_unit="mm")
+    centre = np.array([-40.0, 720.0, 300.0])
+    m.ground("A", (300, 350, 330)), m.ground_vector("v", (0.3, 1, 0.1)), m.ground("T", (-60, 500, 700))
+    m.point("D", (-30, 520, 280)), m.point("C", centre), m.vector("spin_axis", (0.02, 1, -0.03))
+    m.body("arm", ["A", "C", "D"], vectors=["v", "spin_axis"])
+    m.distance("damper", "D", "T")
+    m.marker("contact", on="arm", at=centre - (0, 0, 300))
+    heights = 300.0 + 10.0 * np.linspace(-1, 1, 5)
+    motion = nc.sweep(m.compile(), {"C.z": heights})
+    found = nc.suspension(motion, wheel_centre="C")
+    ratio = -np.gradient(np.asarray(motion["damper"]), heights)
+    np.testing.assert_allclose(found.motion_ratio[1:-1], ratio[1:-1], rtol=1e-4)
+    np.testing.assert_allclose(found.camber, nc.suspension(motion, None, "C", "spin_axis", radius=300.0).camber)
