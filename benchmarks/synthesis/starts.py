@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from jaxnc.synthesis.exact import precision_points
-from jaxnc.synthesis.exact.precision_points import Task, follow_paths, polish
+from jaxnc.synthesis.exact.bar_paths import mark_distinct
+from jaxnc.synthesis.exact.precision_points import Task, follow_paths, polish, solution_keys
 
 FILE = Path(precision_points.__file__).with_name("path_starts.npz")
 DRY = 3
@@ -72,7 +73,8 @@ def monodromy(name: str, seed: int, known: tuple[np.ndarray, Task] | None) -> tu
             ends = out.w[:, out.arrived]
         ends, last = polish(ends, home)
         before = found.shape[1]
-        found = precision_points.distinct_solutions(np.concatenate([found, ends[:, last < 1e-9]], axis=1), count)
+        found = np.concatenate([found, ends[:, last < 1e-9]], axis=1)
+        found = found[:, mark_distinct(found, lambda z: solution_keys(z, count))]
         print(f"{name}: {found.shape[1]} after {time.process_time():.0f} s", flush=True)
         dry = dry + 1 if before > 8 and found.shape[1] == before else 0
     return found, home

@@ -312,7 +312,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     order = _reference_first(places, given)
     task = _make_task(places[order], given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
-    expected, keys = _expected_count(name, given), functools.partial(_solution_keys, count=len(places))
+    expected, keys = _expected_count(name, given), functools.partial(solution_keys, count=len(places))
     ends, routes, missing = follow_routes(lambda k: _route(name, task, expected, 1.0 + 2.4 * k), 3, expected, keys)
     here = _PointPaths(task, task, wide=True)
     real = here.find_real(ends)
@@ -449,7 +449,7 @@ def _route(name: str, task: Task, expected: int, angle: float) -> tuple[np.ndarr
     def are_none(z: np.ndarray) -> np.ndarray:
         return _degenerate(z) | (np.abs(z).max(axis=0) >= 10 * FAR)
 
-    here, keys = _PointPaths(spun, spun, wide=True), functools.partial(_solution_keys, count=count)
+    here, keys = _PointPaths(spun, spun, wide=True), functools.partial(solution_keys, count=count)
     ends, lost = follow_all(z, _ATTEMPTS, follow, here, are_none, expected, keys)
     return ends * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None], lost
 
@@ -488,7 +488,7 @@ def _degenerate(z: np.ndarray) -> np.ndarray:
     return (pairs.max(axis=1).min(axis=0) < 1e-8) | (pairs[[2, 5]].max(axis=0).min(axis=0) < 1e-8)
 
 
-def _solution_keys(z: np.ndarray, count: int) -> np.ndarray:
+def solution_keys(z: np.ndarray, count: int) -> np.ndarray:
     """Numbers that tell solutions apart: for nine points those of the coupler curve, which cognates share."""
     if count < 9:
         return z
