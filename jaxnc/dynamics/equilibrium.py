@@ -145,7 +145,8 @@ def equilibrium(
         if not np.isfinite(left) and (culprit := blame_force(dyn, jnp.zeros(()), begin, jnp.zeros_like(begin))):
             raise InputError(f"{system.name!r}: force {culprit!r} is not finite where the search begins")
         why = {
-            Status.NOT_REACHED: "what is held does not come to its values on the branch that the search begins on",
+            Status.NOT_REACHED: "what is held does not come to its values on the branch that the search begins on: a "
+            "dead point is in the way, or held coordinates depend on each other",
             Status.TOO_FAR: "and after 2000 steps the search is still on its way: it is very far, or nowhere",
         }.get(Status(int(status)), f"the constraints are met to {float(gap):.3g}")
         raise AssemblyError(
@@ -267,8 +268,16 @@ def _approach_held(flow: Flow, q: Array) -> tuple[Array, Array]:
     Returns:
         The pose, the last one on the branch where that does not lead there; whether it does.
     """
-    known, eq = flow.view.known, flow.dyn.eq
-    begin, change = q[known], flow.drive_values(jnp.zeros(()))[0] - q[known]
+    known, eq, asked = flow.view.known, flow.dyn.eq, flow.drive_values(jnp.zeros(()))[0]
+
+    def meets(q: Array) -> Array:
+        return largest(residual(eq, q)[flow.view.rows]) <= 10 * limits(q).accept * eq.length
+
+    # 20 corrections of a start, which may be far off. A pose of another design may hold what this one cannot.
+    starts = jnp.stack([q, q.at[known].set(asked)])
+    starts = jax.lax.map(lambda q: flow.project_position(q, 20), starts)
+    q = jnp.where(meets(starts[0]), *starts)
+    begin, change = q[known], asked - q[known]
     most = 0.1 / jnp.maximum(0.1, largest(weights(eq)[known] * change) / eq.length)  # of the way: a tenth of the size
 
     def more(state):
@@ -279,9 +288,8 @@ def _approach_held(flow: Flow, q: Array) -> tuple[Array, Array]:
         way, step, q = state
         now = jnp.minimum(way + step, 1.0)
         new = flow.project_position(q.at[known].set(begin + now * change), 6)
-        met = largest(residual(eq, new)[flow.view.rows]) <= 10 * limits(q).accept * eq.length
         near = largest(weights(eq) * (new - q)) <= eq.length  # a step that leaps has left the branch
-        good = met & near & _is_upright(flow, new)
+        good = meets(new) & near & _is_upright(flow, new)
         step = jnp.where(good, jnp.minimum(1.5 * step, most), 0.5 * step)
         return jnp.where(good, now, way), step, jnp.where(good, new, q)
 
@@ -296,8 +304,8 @@ def _find(flow: Flow, q: Array, downhill: bool):
     # What is nearest is measured in lengths here: there may be no masses.
     flow = dataclasses.replace(flow, ready=(weight, jnp.ones(()), jnp.eye(len(u))))
     home = jnp.asarray(flow.dyn.eq.home)[view.fixed]
-    q = flow.project_position(q.at[view.fixed].set(home), 20)  # 20 corrections of a start, which may be far off
-    q, reached = _approach_held(flow, q) if flow.drives else (q, True)
+    q = q.at[view.fixed].set(home)
+    q, reached = _approach_held(flow, q) if flow.drives else (flow.project_position(q, 20), True)
     length, least = flow.dyn.eq.length, limits(q)
 
     def evaluate(q) -> _Place:

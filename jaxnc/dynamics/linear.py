@@ -250,8 +250,6 @@ def linearise(
     top = system.topology
     state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
     flow, q, v = _steady(system, assemble_pose(system, state), known_rates)
-    if (numbers := values_behind((flow, q))) is not None:
-        check_begin(*numbers)
     names, known = _name_coordinates(system, flow, q, v, coordinates)
     for name in inputs:
         if name not in top.position:
@@ -270,6 +268,9 @@ def linearise(
             f"{top.name!r}: the rest does not follow from {', '.join(names)} at this state, which is singular "
             f"for them; give other coordinates="
         )
+    numbers = values_behind((flow, q, a))
+    if numbers is not None and not np.isfinite(numbers[2]).all():
+        check_begin(*numbers[:2])
     asked, good, time = on_device([np.zeros(0, q.dtype), np.zeros((), int), np.zeros((), q.dtype)])
     moves = lower(top, v), lower(top, acceleration)
     pose = Motion(system, (), (), lower(top, q), moves, asked, good, None, None, time)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 from independent import lagrange
 
 import jaxnc as nc
@@ -587,6 +588,32 @@ def test_what_is_held_is_reached_along_the_branch():
         assert float(effort(phi)) == pytest.approx(1.5 * G * np.cos(phi), abs=1e-9)
     slopes = jax.vmap(jax.grad(effort))(jnp.array(values))
     np.testing.assert_allclose(slopes, -1.5 * G * np.sin(values), rtol=1e-7)
+
+
+def test_a_pose_of_a_larger_design_is_a_start_where_what_it_holds_is_out_of_reach():
+    large = hung_bob()
+    small = large.replace(B=(0.4, 0.0), W=(0.404, -0.4))
+    pose = nc.solve_position(large, {"phi": -0.5, "W.y": -1.3})
+    found = nc.equilibrium(small, state=pose, hold={"W.y": -0.7})
+    B, W = np.asarray(found["B"]), np.asarray(found["W"])
+    assert W[1] == -0.7 and found.stable
+    np.testing.assert_allclose([np.hypot(*B), np.hypot(*(W - B))], [0.4, np.hypot(0.004, 0.4)], rtol=1e-9)
+
+
+def test_masses_that_are_far_apart_have_frequencies_in_32_bits():
+    """A bob on two springs with a grain between them, against the stiffness of a taut string in SciPy."""
+    m = nc.Mechanism("grain")
+    m.ground("A", (0, 0)), m.point("B", (0, -0.4)), m.point("C", (0, -0.9))
+    m.spring("upper", "A", "B", stiffness=100.0, free=0.3), m.spring("lower", "B", "C", stiffness=200.0, free=0.3)
+    m.point_mass("grain", "B", 1e-6), m.point_mass("bob", "C", 2.0)
+    m.gravity = (0, -G)
+    found = nc.linearise(system := m.compile(dtype="float32"), nc.equilibrium(system))
+    masses, stiffness, wanted = np.diag([1e-6, 2.0]), np.array([100.0, 200.0]), []
+    pull = np.array([2.0 + 1e-6, 2.0]) * G
+    for upper, lower in (stiffness, pull / (0.3 + pull / stiffness)):
+        k = np.array([[upper + lower, -lower], [-lower, lower]])
+        wanted += [*np.sqrt(scipy.linalg.eigvalsh(k, masses))]
+    np.testing.assert_allclose(np.sort(found.frequencies), np.sort(wanted), rtol=1e-5)
 
 
 def test_other_held_values_compile_nothing():
