@@ -49,7 +49,7 @@ def _solve_small(a: np.ndarray, right: list[np.ndarray]) -> list[np.ndarray]:
     more = right[0].ndim > a.ndim - 2
     matrix, sides = np.moveaxis(a, (0, 1), (-2, -1)), np.stack(right, axis=-1)
     sides = np.moveaxis(sides, 0, -1) if more else sides[..., None]
-    finite = np.isfinite(matrix).all(axis=(-2, -1))[..., None, None]  # LAPACK finds numbers for others too
+    finite = np.isfinite(matrix).all(axis=(-2, -1), keepdims=True)  # LAPACK finds numbers for others too
     found = np.where(finite, solve_exactly(matrix, sides), np.nan)
     return [np.moveaxis(found[..., k, :], -1, 0) if more else found[..., k, 0] for k in range(len(a))]
 
