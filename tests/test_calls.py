@@ -696,3 +696,12 @@ def test_all_that_is_public_is_opened():
                 if method[0] != "_" and takes and not hasattr(member, "_public"):
                     closed.append(f"{package}.{name}.{method}")
     assert not closed, closed
+
+
+def test_right_calls_do_not_look_for_names_that_were_meant(monkeypatch):
+    """The search takes a quarter of a small sweep."""
+    system = nc.library.four_bar().compile()
+    monkeypatch.setattr("jaxnc.calls.nearest", lambda name, *_: pytest.fail(f"asked for {name!r}"))
+    motion = nc.sweep(system, {"phi": np.array([1.0, 2.0])}, rates={"phi": 1.0})
+    nc.solve_position(system, {"phi": 1.0})
+    assert motion.velocity("C").shape == (2, 2)

@@ -197,7 +197,10 @@ def as_its_system(f: Callable) -> Callable:
     @functools.wraps(f)
     def inner(*arguments, **options):
         given = arguments[0] if arguments else options.get(first)
-        found = getattr(given, "system", getattr(getattr(given, "motion", None), "system", given))
+        own = getattr(given, "__dict__", {})  # asking for what is not there costs a search for the name that was meant
+        found = given if "parameters" in own else own.get("system")
+        if found is None:
+            found = getattr(given, "system", getattr(getattr(given, "motion", None), "system", given))
         points = getattr(getattr(found, "parameters", None), "points", None)
         if points is None or not hasattr(points, "dtype"):  # refused by the analysis itself
             return f(*arguments, **options)
