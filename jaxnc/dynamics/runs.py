@@ -412,7 +412,7 @@ def _resume(numbers: RunNumbers, found: Run) -> RunNumbers:
 # -- how the numbers of a motion change with its design ---------------------------------------------------------------
 
 Derived = tuple[PyTree, ...]
-"""Numbers of a motion that follow from the design, see `derived_numbers`; or changes of them."""
+"""Numbers of a motion that follow from the design, see `collect_derived`; or changes of them."""
 
 Origin = Plan | tuple[int, ...] | None
 """What a start follows from: the known coordinates of a plan, the drawing but for some coordinates, or nothing."""
@@ -420,7 +420,7 @@ Origin = Plan | tuple[int, ...] | None
 _PARAMETERS = *GEOMETRY, "physical"
 
 
-def derived_numbers(flow: Flow) -> Derived:
+def collect_derived(flow: Flow) -> Derived:
     """Take the numbers out of a motion that the host differentiates: coefficients, inertia, parameters of forces."""
     eq, dyn = flow.dyn.eq, flow.dyn
     return eq.constants, eq.linear, eq.quadratic, dyn.mass, dyn.moments, dyn.gravity, dyn.constants
@@ -461,7 +461,7 @@ class DesignChanges:
         return carry_design(top, np.concatenate([part.reshape(-1, 1 + self.count) for part in parts]), near)
 
     def derived(self) -> Derived:
-        """Return all numbers of `derived_numbers`."""
+        """Return all numbers of `collect_derived`."""
         x, drawn = self.given, self.drawn
         eq = renumbered(self.eq, drawn.constants, [np.asarray(scale) for scale in self.eq.scales])
         found = group_inertias(self.top, x["points"], drawn.drawing, drawn.vectors, x["physical"])
@@ -869,7 +869,7 @@ def _pull_back_known(question: _Question, numbers: RunNumbers, smooth: PyTree, o
     flow = _flow(spec, numbers)
     bars = jax.tree.map(np.asarray, _pull_back_run(spec, flow, numbers, list(smooth), list(other), list(change)))
     origin = _origin(spec, numbers.state)
-    found = pull_back_design(spec, origin, numbers.parameters, flow.dyn.eq, at, bars[1], derived_numbers(bars[0]))
+    found = pull_back_design(spec, origin, numbers.parameters, flow.dyn.eq, at, bars[1], collect_derived(bars[0]))
     numbers = jax.tree.map(np.asarray, numbers._replace(control=None))
     return on_device(_collect_bars(question, numbers, found, bars, isinstance(origin, Plan)))
 
@@ -902,7 +902,7 @@ def _requested_pull_back(question: _Question) -> Callable[[list, list, Equations
     def request(x, rest, eq, at, bars):
         numbers = question.numbers(x, rest)
         origin = _origin(question.spec, numbers.state)
-        derived = derived_numbers(bars[0])
+        derived = collect_derived(bars[0])
         found = request_pull_back(question.spec, origin, numbers.parameters, eq, at, bars[1], derived)
         if found is None:
             return _pull_back_beginning(question, x, rest, at, bars)

@@ -235,7 +235,7 @@ def redraw(recipe: tuple, home: Float[Array, "k dim"], values: Float[Array, " d"
     drawn: Sequence[Array] | Array
     placed: dict[int, Array]
     if flat:
-        e = _divided(axis, length)
+        e = _divide_vector(axis, length)
         drawn = [stacked([dot(e, w), cross(e, w)]) for w in (home[k] - home[i] for k in range(home.shape[0]))]
         placed = {i: 0.0 * axis, j: stacked([length if given is None else values[given], 0.0])}
     else:
@@ -249,19 +249,20 @@ def redraw(recipe: tuple, home: Float[Array, "k dim"], values: Float[Array, " d"
         elif how == "polar":
             origin, d = data
             w = drawn[k] - drawn[origin]
-            placed[k] = placed[origin] + values[d] * _divided(w, norm(w))
+            placed[k] = placed[origin] + values[d] * _divide_vector(w, norm(w))
         else:
             a, d, b, f = data
-            ends = drawn[b] - drawn[a], drawn[k] - drawn[a]
-            placed[k] = (_two_distances if flat else _two_spheres)(placed[a], values[d], placed[b], values[f], *ends)
+            w = drawn[k] - drawn[a]
+            meet, side = (_two_distances, cross(drawn[b] - drawn[a], w)) if flat else (_two_spheres, w)
+            placed[k] = meet(placed[a], values[d], placed[b], values[f], side)
     return stacked([placed[k] for k in range(home.shape[0])])
 
 
-def _divided(w, length):
+def _divide_vector(w, length):
     return stacked([ratio(w[k], length) for k in range(w.shape[0])])
 
 
-def _two_spheres(a, ra, b, rb, base, drawn):
+def _two_spheres(a, ra, b, rb, drawn):
     """The point at two distances that lies on the drawn side of the line of centres."""
     d = b - a
     span = dot(d, d)
@@ -271,13 +272,13 @@ def _two_spheres(a, ra, b, rb, base, drawn):
     return a + along * d + height * ratio(1.0, norm(across)) * across
 
 
-def _two_distances(a, ra, b, rb, base, drawn):
-    """Intersection of two circles on the drawn side of a base; on the line of centres if they do not meet."""
+def _two_distances(a, ra, b, rb, side):
+    """Intersection of two circles on the drawn side; on the line of centres if they do not meet."""
     d = b - a
     span = dot(d, d)
     along = ratio(span + ra * ra - rb * rb, 2.0 * span)
     height = root(ratio(ra * ra, span) - along * along)
-    height = where(cross(base, drawn) < 0, -height, height)
+    height = where(side < 0, -height, height)
     return a + along * d + height * stacked([-d[1], d[0]])
 
 

@@ -13,7 +13,7 @@ from jaxnc.dynamics import runs
 from jaxnc.dynamics.extended import extended, lift
 from jaxnc.dynamics.flow import Flow
 from jaxnc.dynamics.model import dynamics
-from jaxnc.dynamics.runs import DesignChanges, ReplayedFlow, derived_numbers, host_differentiates
+from jaxnc.dynamics.runs import DesignChanges, ReplayedFlow, collect_derived, host_differentiates
 from jaxnc.dynamics.start import assemble_pose
 
 T = np.linspace(0.0, 0.2, 4)
@@ -76,7 +76,7 @@ def test_the_host_knows_how_the_numbers_of_a_motion_change_with_the_design():
     def numbers(par):
         changed = nc.System(system.topology, par, system.degrees_of_freedom, system.independent)
         flow = Flow.of(dynamics(extended(changed)), system.degrees_of_freedom)
-        return derived_numbers(flow), lift(system.topology, assemble_pose(changed, None))
+        return collect_derived(flow), lift(system.topology, assemble_pose(changed, None))
 
     derived, pose = jax.jit(jax.jacfwd(numbers))(system.parameters)
     is_leaf = lambda x: isinstance(x, type(system.parameters))  # noqa: E731
@@ -158,7 +158,7 @@ def test_an_answer_is_pulled_back_by_its_lagrangian(what):
     for a, b in ((wanted[1], mine[1]), (wanted[2] * free, mine[2] * free)):
         assert np.allclose(a, b, rtol=1e-9, atol=1e-9 * max(float(jnp.max(jnp.abs(a))), 1.0))
     # Of the numbers of the motion by what they change with the design: some coefficients are zero in every one.
-    found = derived_numbers(wanted[0]), derived_numbers(mine[0]), DesignChanges(swing(), flow.dyn.eq).derived()
+    found = collect_derived(wanted[0]), collect_derived(mine[0]), DesignChanges(swing(), flow.dyn.eq).derived()
     for a, b, by in zip(*map(jax.tree.leaves, found), strict=True):
         first, second = (np.tensordot(x, by[..., 1:], x.ndim) for x in (a, b))
         assert np.allclose(first, second, rtol=1e-9, atol=1e-9 * max(np.abs(first).max(), 1.0))
