@@ -5,8 +5,8 @@
 
 import functools
 import weakref
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -25,6 +25,7 @@ from jaxnc.system.precision import farthest
 from jaxnc.system.system import System
 from jaxnc.types import Numbers
 
+_R = TypeVar("_R")
 _asked: weakref.WeakKeyDictionary[Plan, float] = weakref.WeakKeyDictionary()  # what batches were worth so far
 
 
@@ -272,16 +273,22 @@ def _judge_starts(inner: host.HostView, begin: np.ndarray) -> tuple[np.ndarray, 
     """Say which start poses ``(N, D)`` meet their rows, and which of them are singular positions of the inputs."""
     if begin.shape[1] > 1:
         return _look_at_starts(inner, begin)
-    known, key = _known_starts(inner.eq), (inner.plan, begin.tobytes())  # the drawing of a system is asked for often
-    if key not in known:
-        if len(known) > 8:  # poses of a user's own
+    return _judge_once(inner.eq, (inner.plan, begin.tobytes()), lambda: _look_at_starts(inner, begin))
+
+
+def _judge_once(eq: HostEquations, key: tuple, judge: Callable[[], _R]) -> _R:
+    """Judge a start pose once: the drawing of a system is asked for often."""
+    known = _known_starts(eq)
+    found = known.get(key)
+    if found is None:
+        if len(known) > 16:  # poses of a user's own
             known.clear()
-        known[key] = _look_at_starts(inner, begin)
-    return known[key]
+        found = known[key] = judge()
+    return found
 
 
 @by_identity
-def _known_starts(_: HostEquations) -> dict[tuple[Plan, bytes], tuple[np.ndarray, np.ndarray]]:
+def _known_starts(_: HostEquations) -> dict[tuple, Any]:
     return {}
 
 
@@ -308,7 +315,12 @@ def _stay_where(
 
 def judge_start(view: Plan, eq: Equations, start: Numbers) -> int:
     """Judge a start pose: zero where branches can be followed from it, else the status of all poses."""
-    inner, begin = _grounded(view, to_host(eq), np.asarray(start)[None])
+    there, begin = to_host(eq), np.asarray(start)
+    return _judge_once(there, ("status", view, begin.tobytes()), lambda: _judge_on_host(view, there, begin))
+
+
+def _judge_on_host(view: Plan, eq: HostEquations, start: np.ndarray) -> int:
+    inner, begin = _grounded(view, eq, start[None])
     with np.errstate(all="ignore"):
         (assembled,), (singular,) = _judge_starts(inner, begin)
     status = int(Status.SINGULAR_START) if singular else 0

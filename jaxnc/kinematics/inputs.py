@@ -324,15 +324,17 @@ def _like_degrees(value: object) -> str:
     except (TypeError, ValueError):
         return ""
     # 1000 values show how large steps are; nobody means a million degrees, and floats that are huge are all whole
-    some = np.abs(x.flat[:: max(1, x.size // 1000)])
+    some = np.abs(x if x.size < 2000 else x.flat[:: x.size // 1000])
     if not 2.0 * math.pi < some.max(initial=0.0) < 1e6 or not np.isfinite(x).all():
         return ""
-    if np.all(x == np.round(x)):
+    if x.flat[0] == round(x.flat[0]) and np.all(x == np.round(x)):
         return f"is {x.flat[0]:g}" if x.size == 1 else f"goes in whole numbers from {x.min():g} to {x.max():g}"
-    if x.ndim != 1 or x.size < 2:
+    turns = float(np.ptp(x)) / (2.0 * math.pi)
+    # Half of the steps are as long as the median: what is looked for below goes through a dozen turns, or they do.
+    if x.ndim != 1 or turns < min(12.0, 0.25 * (x.size - 1)) or x.size < 2:
         return ""
     steps = np.diff(x)
-    step, turns = float(np.median(np.abs(steps))), float(np.ptp(x)) / (2.0 * math.pi)
+    step = float(np.median(np.abs(steps)))
     far = step > math.pi and abs(steps.sum()) == np.abs(steps).sum()
     if not far and not (turns >= 12.0 and 0.45 <= step <= 5.1 and x.size >= 24):
         return ""
@@ -399,6 +401,8 @@ def _zip_inputs(inputs: Inputs) -> Any:
     if all(type(v) is float and math.isfinite(v) for v in inputs.values()):  # one pose, as it is asked often
         return np.array([*inputs.values()], active())
     values = [finite_array(v, f"input {n!r}") for n, v in inputs.items()]
+    if len(values) == 1 and type(values[0]) is np.ndarray:
+        return np.array(values[0][..., None])  # a copy that nobody else has
     try:
         shape = np.broadcast_shapes(*(v.shape for v in values))
     except ValueError:

@@ -145,6 +145,7 @@ def columns_of(view: Plan, eq: Equations, q0: Array, x: tuple[Array, ...], drive
     return Columns(rest, x, driven, _column_places(view))
 
 
+@with_owner
 def _column_places(view: Plan) -> tuple[int, ...]:
     """Places of the coordinates that are columns: the unknown ones and the driven ones."""
     return tuple(int(c) for c in (*view.unknown, *view.known[: len(view.driven)]))
@@ -161,19 +162,16 @@ def analyse_many(
     if size > count:
         values = np.asarray(values)
         values = np.concatenate([values, np.broadcast_to(values[-1:], (size - count, values.shape[1]))])
-    values = values if isinstance(values, jax.Array) else jnp.array(values)  # a copy that nobody else has
     begun, begin = np.int32(host_solve.judge_start(view, eq, q0)), np.array(q0)
     begin[view.fixed] = np.asarray(eq.home)[view.fixed]
     very_many = size >= _VERY_MANY  # a faster kernel pays for a longer compilation
     if very_many:
         process.keep_memory()
     solve = _solve_fast_run if very_many else _solve_fast_compile
-    found, all_good, rest = solve(view, method, eq, begin, begun, values)
+    found, all_good, rest, driven = solve(view, method, eq, begin, begun, values)
     if size > count:
-        found, values = jax.tree.map(lambda a: a[:count], (found, values))
-    if bool(all_good):
-        driven = jnp.stack(found.known, axis=-1) if found.known else values
-    else:
+        found, values, driven = jax.tree.map(lambda a: a[:count], (found, values, driven))
+    if not all_good:
         if repair:
             found = _repair_on_host(view, method, eq, begin, values, found)
         else:
@@ -207,13 +205,14 @@ def _padded_size(view: Plan, method: str, count: int) -> int:
 
 def _solve_one_design(
     view: Plan, method: str, eq: Equations, begin: Array, begun: Array, values: Array
-) -> tuple[PoseBatch, Array, Array]:
-    """Solve for poses of one design, and say whether all are answered, and where they began."""
+) -> tuple[PoseBatch, Array, Array, Array]:
+    """Solve for poses of one design; say whether all are answered, and where they began and are driven to."""
     filled = solve_fixed_steps(
         view, method, True, eq, begin[None], begun[None], known_values(view, begin, values)[None]
     )
     filled = jax.tree.map(lambda a: a[0], filled)
-    return filled, jnp.all(filled.answered), begin  # brought to the device with all the rest
+    driven = jnp.stack(filled.known, axis=-1) if filled.known else values
+    return filled, jnp.all(filled.answered), begin, driven  # brought to the device with all the rest
 
 
 _solve_fast_run = jax.jit(_solve_one_design, static_argnums=(0, 1))
