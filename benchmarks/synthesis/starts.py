@@ -60,7 +60,7 @@ def monodromy(name: str, seed: int, known: tuple[np.ndarray, Task] | None) -> tu
         z, points, primed = linkage(count, rng)
         matrix = conditions(a, d, rng)
         known = z[:, None], Task(points, primed, matrix, matrix @ z[4:])
-    found, home = known
+    found, home = polish(known[0], known[1])[0], known[1]
     dry = 0
     while dry < DRY:
         ways = [
@@ -74,7 +74,7 @@ def monodromy(name: str, seed: int, known: tuple[np.ndarray, Task] | None) -> tu
         ends, last = polish(ends, home)
         before = found.shape[1]
         found = np.concatenate([found, ends[:, last < 1e-9]], axis=1)
-        found = found[:, mark_distinct(found, lambda z: solution_keys(z, count))]
+        found = found[:, mark_distinct(found, lambda w: solution_keys(w, home))]
         print(f"{name}: {found.shape[1]} after {time.process_time():.0f} s", flush=True)
         dry = dry + 1 if before > 8 and found.shape[1] == before else 0
     return found, home
@@ -103,7 +103,7 @@ def main() -> None:
         if name in ("6-21", "7-11", "8-10"):
             print(f"{name}: trace test {traced(z, task):.1e}")
         parts = {"d": task.d, "e": task.e, "matrix": task.matrix, "right": task.right}
-        stored |= {f"z {name}": z.astype(np.complex64)} | {f"{key} {name}": part for key, part in parts.items()}
+        stored |= {f"z {name}": z[:8].astype(np.complex64)} | {f"{key} {name}": part for key, part in parts.items()}
         np.savez(FILE, **stored)  # type: ignore[arg-type]
 
 

@@ -49,6 +49,35 @@ def met(found, points):
             assert set(design.defects) <= {"branch", "circuit", "order"}
 
 
+def poses(linkage, to):
+    """Places of B at which a linkage reaches a point, by two circles, and there how far off its rocker's length is."""
+    a, b, c, d, p = linkage
+    far, crank, arm = to - a, abs(b - a), abs(p - b)
+    along = (abs(far) ** 2 + crank**2 - arm**2) / (2 * abs(far))
+    both = [a + far / abs(far) * complex(along, sign * np.sqrt(crank**2 - along**2)) for sign in (1, -1)]
+    return [(at, abs(abs(to + (c - p) * (to - at) / (p - b) - d) - abs(c - d))) for at in both]
+
+
+@pytest.mark.parametrize(
+    ("way", "linkages", "count"),
+    [
+        # On an arc: the parallelogram whose cranks are the radius, of which the coupler only translates.
+        (0.2 + 0.9j + np.exp(1j * np.linspace(0.3, 1.8, 5)), [(np.exp(0.3j), np.exp(0.3j) + 1)], 1),
+        # On a line: two linkages, each of which passes one of the points twice.
+        (1j + np.linspace(0.0, 1.0, 5), [(-0.375 - 0.0625j, 0.625 + 0.0625j), (-0.125 - 0.1875j, 0.875 + 0.1875j)], 2),
+    ],
+)
+def test_couplers_that_translate_and_points_that_are_met_twice(way, linkages, count):
+    found = syn.path_four_bars(np.column_stack([way.real, way.imag]), A=(0, 0), D=(1, 0))
+    assert found.routes == 1 and not found.missing and found.disjoint and all(found.proved)
+    pins = [{round(z[0].real): z[1], round(z[3].real): z[2]} for z in (design.linkage.z for design in found)]
+    for b, c in linkages:
+        meets = [[gap < MET for _, gap in poses((0, b, c, 1, way[0]), to)] for to in way]
+        assert all(map(any, meets)) and sum(map(sum, meets)) == len(way) + count - 1
+        same = [k for k, at in zip(found.curves, pins, strict=True) if max(abs(at[0] - b), abs(at[1] - c)) < MET]
+        assert len(same) == count and len(set(same)) == 1
+
+
 def test_five_points_of_morgan_and_wampler():
     """PHCpack's guide counts 33 finite solutions of this problem, where 36 are usual, and 15 real ones."""
     found = syn.path_four_bars(LINE, A=(0, 0), D=(1, 0))

@@ -120,7 +120,7 @@ def starts_of(kind, route, *others):
     bend = draw_bend(kind, np.random.default_rng([3, route]))
     ends = SixBarPaths(kind, near, start, bend).follow(unknowns(kind, z)[:, None])
     assert ends.arrived.all()
-    both = np.concatenate([ends.w, ends.w[MIRRORED].conj()], axis=1)
+    both = np.concatenate([ends.w[:8], ends.w[MIRRORED].conj()], axis=1)
     return x, y, z, AngleStarts(start, both, 1, 0, 2, True)
 
 

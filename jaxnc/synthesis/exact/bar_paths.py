@@ -100,7 +100,12 @@ class BarPaths(abc.ABC):
         return np.stack([sum(r[k] for at, k in self.pairs if at == bar) for bar in (0, 1)])
 
     def turned(self, z: np.ndarray, at: np.ndarray) -> np.ndarray:
-        """Unknowns of paths, from z: γ and γ' follow from both bars."""
+        """Complete z to unknowns of paths: γ and γ' follow from both bars, unless they are known already.
+
+        They do not follow where a linkage reaches a pose with two turns of its link.
+        """
+        if len(z) > 8:
+            return z
         ends = BarEnds(self, self.places(at, 0), z)
         (u, v), (uu, vv), (w, r) = ends.u[0], ends.uu[0], ends.rest(0)
         return np.concatenate([z, *(np.stack([r * uu - w * vv, v * w - u * r]) / (u * vv - uu * v))])
@@ -113,8 +118,11 @@ class BarPaths(abc.ABC):
         ends = BarEnds(self, self.places(at, 0), z)
         linear = linearise_bars(self, ends, g, self.base_slopes(z, at))
         dz, dg = linear.step(*self.residuals(z, g, ends), self.base([z], at))
-        size = np.abs(dz).max(axis=0) / np.abs(z).max(axis=0)
-        size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.abs(g).max(axis=(0, 1)))
+        scale = np.abs(z).max(axis=0)
+        size = np.abs(dz).max(axis=0) / scale
+        # A link that only translates has γ = 0 at every pose: the moves of the bars' places measure its turns.
+        moved = np.max([np.abs(part[0]).max(axis=(0, 1)) for part in ends.parts[6:]], axis=0) / scale
+        size = np.maximum(size, np.abs(dg).max(axis=(0, 1)) / np.maximum(np.abs(g).max(axis=(0, 1)), moved))
         return w + np.concatenate([dz, *dg]), linear, np.where(np.isfinite(size), size, np.inf)
 
     def residuals(self, z: np.ndarray, g: np.ndarray, ends: "BarEnds") -> tuple[np.ndarray, np.ndarray]:
@@ -168,16 +176,12 @@ class BarPaths(abc.ABC):
         return self.size(rate) / self.size(w)
 
     def follow(self, z: np.ndarray, pace: Pace = USUAL) -> PathEnds:
-        """Follow solutions ``(8, solutions)`` from the beginning to the end."""
+        """Follow solutions, with or without their turns, from the beginning to the end."""
         with np.errstate(all="ignore"):
-            ends = follow(self, self.turned(z, np.zeros(z.shape[1])), pace)
-        return dataclasses.replace(ends, w=ends.w[:8])
+            return follow(self, self.turned(z, np.zeros(z.shape[1])), pace)
 
     def polish(self, z: np.ndarray, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
-        """Solutions at the end after Newton's steps, with their turns, and the size of the last step beside them.
-
-        Computed from z the turns would lose digits again.
-        """
+        """Take some of Newton's steps at the end: solutions with their turns, and the last step's size beside them."""
         at, lanes = np.ones(z.shape[1]), np.arange(z.shape[1])
         with np.errstate(all="ignore"):
             w = self.turned(z, at)
@@ -186,16 +190,16 @@ class BarPaths(abc.ABC):
                 w, _, last = self.correct(w, at, lanes, keep=False)
         return w, last
 
-    def find_real(self, z: np.ndarray) -> np.ndarray:
-        """The real solutions at the end with their turns, exactly so.
+    def find_real(self, w: np.ndarray) -> np.ndarray:
+        """The real ones of solutions with their turns at the end, exactly so.
 
         Newton's steps from the mean of two conjugates stay real.
         """
-        mirrored = np.conj(z[MIRRORED])
-        scale = np.abs(z).max(axis=0, initial=0.0)
-        near = np.abs(z - mirrored).max(axis=0, initial=0.0) < _REAL * scale
-        tried, last = self.polish(0.5 * (z + mirrored)[:, near])
-        same = np.abs(tried[:8] - z[:, near]).max(axis=0, initial=0.0) < _REAL * scale[near]
+        mirrored = np.conj(w[[*MIRRORED, *np.roll(np.arange(8, len(w)), self.turns)]])
+        scale = np.abs(w).max(axis=0, initial=0.0)
+        near = np.abs(w - mirrored).max(axis=0, initial=0.0) < _REAL * scale
+        tried, last = self.polish(0.5 * (w + mirrored)[:, near])
+        same = np.abs(tried - w[:, near]).max(axis=0, initial=0.0) < _REAL * scale[near]
         return tried[:, same & (last < SINGULAR)]
 
 
@@ -245,11 +249,12 @@ def follow_all(
     """Follow all paths from solutions, and those that are lost again, by one attempt after another.
 
     It ends with as many solutions as are `expected`, for paths that are left have none to end in. Returns the regular
-    finite ends `here`, told apart by their `keys`, and how many paths are lost: they ended neither there nor at
-    infinity, nor in a singular solution or a linkage that is none. With a label a bar shows how far an attempt is.
+    finite ends `here` with their turns, told apart by their `keys`, and how many paths are lost: they ended neither
+    there nor at infinity, nor in a singular solution or a linkage that is none. With a label a bar shows how far an
+    attempt is.
     """
     every = np.arange(z.shape[1])
-    ends, good, elsewhere = np.array(z), every < 0, every < 0
+    ends, good, elsewhere = np.zeros((8 + 2 * here.turns, len(every)), complex), every < 0, every < 0
 
     def alone(order: np.ndarray) -> np.ndarray:
         """Mark the good ends that are none of those before them."""
@@ -269,7 +274,7 @@ def follow_all(
             with np.errstate(all="ignore"):
                 none = are_none(w[:8])
             met = out.arrived & (last < SINGULAR)
-            ends[:, lanes], good[lanes] = w[:8], met & ~none
+            ends[:, lanes], good[lanes] = w, met & ~none
             if attempt.wide:  # else rounding passes for growth
                 elsewhere[lanes] = end_elsewhere(out, met, none, attempt is attempts[-1])
         if attempt.wide:  # what is known stays, and what is met again was lost
@@ -295,7 +300,8 @@ def follow_routes(
     route: Callable[[int], tuple[np.ndarray, int]], most: int, expected: int, keys: Read = np.asarray
 ) -> tuple[np.ndarray, int, int]:
     """Follow all paths on ways of their own until none is lost: the ends, how many ways, how many ends are missing."""
-    ends, routes = np.zeros((8, 0), complex), 0
+    ends, lost = route(0)
+    routes, expected = 1, min(expected, ends.shape[1] + lost)
     while routes < most and ends.shape[1] < expected:
         found, lost = route(routes)
         ends = np.concatenate([ends, found], axis=1)

@@ -228,13 +228,12 @@ class _PointPaths(BarPaths):
 
 
 def polish(z: np.ndarray, task: Task, steps: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """Solutions of a task after Newton's steps, and the size of the last step beside them, ``(lanes,)``."""
-    w, last = _PointPaths(task, task, wide=True).polish(z, steps)
-    return w[:8], last
+    """Solutions of a task with their turns after Newton's steps, and the last step's size beside them, ``(lanes,)``."""
+    return _PointPaths(task, task, wide=True).polish(z, steps)
 
 
 def follow_paths(z: np.ndarray, start: Task, end: Task, pace: Pace = USUAL, wide: bool = False) -> PathEnds:
-    """Follow solutions of one task ``(8, solutions)`` to those of another, in a straight line between the two.
+    """Follow solutions of one task to those of another, with their turns, in a straight line between the two.
 
     Where wide, residuals have twice the digits: ends whose condition number is 1e9 and more are reached too.
     """
@@ -256,7 +255,8 @@ class PathDesigns(FollowedDesigns[GuidedFourBar]):
     """All four-bars through precision points of a path, those without defects first; ``print()`` lists them.
 
     Attributes:
-        designs: the real ones; the crank angles at the points are their `inputs`.
+        designs: the real ones; the crank angles at the points are their `inputs`. A linkage that meets a point at two
+            angles of its coupler is listed with each.
         curves: for each design the number of its coupler curve, from 0: cognates have the same.
         expected: how many solutions points in general position have for such a base, complex ones included; of nine
             points cognates count once.
@@ -312,17 +312,19 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     order = _reference_first(places, given)
     task = _make_task(places[order], given[::-1] if exchanged else given, size)
     name = f"{len(places)}-{max(map(len, given))}{min(map(len, given))}"
-    expected, keys = _expected_count(name, given), functools.partial(solution_keys, count=len(places))
+    expected, keys = _expected_count(name, given), functools.partial(solution_keys, task=task)
     ends, routes, missing = follow_routes(lambda k: _route(name, task, expected, 1.0 + 2.4 * k), 3, expected, keys)
     here = _PointPaths(task, task, wide=True)
     real = here.find_real(ends)
     if given[0] == given[1]:  # each linkage is met again with its bars exchanged
-        real = real[:, ~np.triu(_match_solutions(real[:8], real[_OTHER])).any(axis=0)]
+        real = real[:, ~np.triu(_match_solutions(real, real[[*_OTHER, *range(8, len(real))]])).any(axis=0)]
     exact, disjoint = certify_designs(here, real, list(_base_forms(task)))
     turned = np.vstack([np.ones(real.shape[1]), 1.0 + real[8 : 7 + len(places)]])
     z = size * (real[_OTHER] if exchanged else real[:8])
     designs, curves, residual = _linkages(places, order, z, turned, size)
     proved = tuple(bool(exact[curve]) for curve in curves)
+    known = keys(real)[: 4 if len(places) == 9 else 8]  # without turns
+    curves = tuple(np.unique(_match_solutions(known, known).argmax(axis=1), return_inverse=True)[1][[*curves]].tolist())
     return PathDesigns(designs, expected, ends.shape[1], routes, missing, proved, disjoint, curves, residual)
 
 
@@ -343,7 +345,7 @@ def _expected_count(name: str, base: list[dict[str, float]]) -> int:
 
 @functools.cache
 def stored_starts(name: str) -> tuple[np.ndarray, Task]:
-    """All solutions of a stored task, ``(8, solutions)``, and the task: "7-20" has seven points and A.
+    """All solutions of a stored task with their turns, and the task: "7-20" has seven points and A.
 
     They were found from one random linkage by monodromy, see ``benchmarks/synthesis/starts.py``.
     """
@@ -449,9 +451,10 @@ def _route(name: str, task: Task, expected: int, angle: float) -> tuple[np.ndarr
     def are_none(z: np.ndarray) -> np.ndarray:
         return _degenerate(z) | (np.abs(z).max(axis=0) >= 10 * FAR)
 
-    here, keys = _PointPaths(spun, spun, wide=True), functools.partial(solution_keys, count=count)
+    here, keys = _PointPaths(spun, spun, wide=True), functools.partial(solution_keys, task=spun)
     ends, lost = follow_all(z, _ATTEMPTS, follow, here, are_none, expected, keys)
-    return ends * np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None], lost
+    ends[:8] *= np.array([1 / turn, 1 / turn, turn, turn] * 2)[:, None]
+    return ends, lost
 
 
 def _follow_block(z: np.ndarray, start: Task, end: Task, attempt: Attempt, lanes: np.ndarray) -> PathEnds:
@@ -488,13 +491,17 @@ def _degenerate(z: np.ndarray) -> np.ndarray:
     return (pairs.max(axis=1).min(axis=0) < 1e-8) | (pairs[[2, 5]].max(axis=0).min(axis=0) < 1e-8)
 
 
-def solution_keys(z: np.ndarray, count: int) -> np.ndarray:
-    """Numbers that tell solutions apart: for nine points those of the coupler curve, which cognates share."""
-    if count < 9:
-        return z
-    x, y, xx, yy, a, b, aa, bb = z
+def solution_keys(w: np.ndarray, task: Task) -> np.ndarray:
+    """Numbers that tell solutions of a task, with their turns, apart; for nine points those that cognates share."""
+    if len(task.d) < 8:
+        return w
+    x, y, xx, yy, a, b, aa, bb = w[:8]
     c, cc = (x * b - y * a) / (x - y), (xx * bb - yy * aa) / (xx - yy)
-    return np.stack([a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa])
+    # A curve that meets itself at a point gives two solutions. The links of a cognate turn as those of the linkage do.
+    turn = 1.0 + w[8:16]
+    turns = turn + sum((p + q * turn - task.d[:, None]) / (p + q) for p, q in ((a, x), (b, y)))
+    curve = a + b + c, aa + bb + cc, a * b + b * c + c * a, aa * bb + bb * cc + cc * aa
+    return np.concatenate([np.stack(curve), turns])
 
 
 def _match_solutions(z: np.ndarray, other: np.ndarray) -> np.ndarray:
