@@ -107,6 +107,13 @@ class TestFreudenstein:
             found = syn.precision_four_bars(x[:points], x[:points] + 0.3, offset, None)
             assert not len(found) and "parallelogram" in str(found)
 
+    @pytest.mark.parametrize(("step", "out"), [(0.3, 1.0), (0.5, -1.0)])
+    def test_a_step_is_met_by_no_crank_that_vanishes(self, step, out):
+        """A rocker that stands still has a crank of no length, in a double root; no other bar is below a hundredth."""
+        found = syn.function_four_bars(lambda x: np.sign(x - step), (0.0, 1.0), 1.0, out)
+        assert len(found) == 1 and min(found.best.linkage.lengths.values()) > 0.01
+        assert len(found.rejected) == 2 and all("a bar that vanishes" in why for why in found.rejected)
+
     def test_the_unit_of_length_does_not_decide(self):
         phi, s = R([20.0, 60.0, 110.0]), np.array([3.2, 2.7, 1.9])
         small, large = syn.slider_crank_function(phi, s), syn.slider_crank_function(phi, 1e12 * s)

@@ -21,7 +21,7 @@ from jaxnc.validate import as_shape, call_user, function_name
 POSES = 121
 """Poses of the range at which the structural error is looked at."""
 
-_NOTHING = 1e-9  # of the largest: a coefficient that stands for a bar at infinity
+_NOTHING = 1e-7  # of the largest: what stands for a bar of no length, or at infinity, also in a double root
 
 
 @public
@@ -359,7 +359,7 @@ def _solve_four(x: np.ndarray, y: np.ndarray, input_offset: float | None, output
     for angle in _directions(p, q, r):
         null = np.linalg.svd(columns(angle))[2][-1]
         if abs(null[3]) < _NOTHING * np.abs(null).max():
-            found.append("a root has no bars of finite length")
+            found.append("a root has a bar that vanishes or is infinitely long")
             continue
         k = null[:3] / -null[3]
         offsets = (angle, output_offset) if free_input else (input_offset, angle)
@@ -403,7 +403,7 @@ def _solve_five(x: np.ndarray, y: np.ndarray) -> list:
         v = np.array(direction) / np.hypot(*direction) @ basis
         k1, k2, g = complex(v[0], v[1]), complex(v[2], v[3]), complex(v[5], v[6])
         if abs(g) < _NOTHING:
-            found.append("a root has no bars of finite length")
+            found.append("a root has a bar that vanishes or is infinitely long")
             continue
         k1, k2, k3, turn = k1 / abs(g), k2 / abs(g), v[4] / abs(g), math.atan2(g.imag, g.real)
         phi0 = math.atan2(k2.imag, k2.real)
@@ -435,8 +435,9 @@ def _draw_linkage(solution: tuple[float, ...] | str, x: float, y: float, ground:
     if isinstance(solution, str):
         return solution
     k1, k2, _, phi0, psi0 = solution
-    if min(abs(k1), abs(k2)) < _NOTHING * max(abs(k1), abs(k2), 1.0):
-        return f"K1 = {k1:.3g}, K2 = {k2:.3g}: a bar is infinitely long"
+    sizes = abs(k1), abs(k2), 1.0
+    if min(sizes) < _NOTHING * max(sizes):
+        return f"K1 = {k1:.3g}, K2 = {k2:.3g}: a bar vanishes or is infinitely long"
     crank, rocker = ground / k1, ground / k2
     b = crank * np.exp(1j * (phi0 + x))
     c = ground + rocker * np.exp(1j * (psi0 + y))
