@@ -386,6 +386,8 @@ def load_curve(path: str | Path) -> tuple[np.ndarray, bool | None]:
         raise ModelFileError(f"{path} cannot be read ({getattr(error, 'strerror', None) or error})") from None
     if points.dtype.kind not in "iuf":
         raise ModelFileError(f"{path} holds values of the type {points.dtype}; save x and y as real numbers")
+    if not points.size:
+        raise ModelFileError(f"{path} holds no numbers; save x and y in each row")
     if points.ndim != 2 or points.shape[1] != 2:
         raise ModelFileError(
             f"{path}: a curve needs x and y in each row, shape (N, 2); the file has the shape {points.shape}: save "

@@ -483,6 +483,7 @@ def test_an_atlas_is_written_for_others(small, tmp_path):
         ({"points": [[0, 0]]}, "points.*N >= 3"),
         ({"points": [[0, 0], [1, np.nan], [2, 0]]}, r"points\[1\] is NaN"),
         ({"points": heart() * 1e300}, r"points\[0\] is .* beyond 1e150"),
+        ({"points": heart() @ [1, 1j]}, r"real numbers \(x, y\); complex z are np\.c_\[z\.real, z\.imag\]"),
         ({"points": np.zeros((5, 2))}, "same"),
         ({"bars": (5,)}, "bars.*4, 6 or 8"),
         ({"closed": "yes"}, "closed"),
@@ -587,6 +588,9 @@ def test_an_array_of_a_curve_is_read_as_it_is(tmp_path):
     np.save(tmp_path / "curve.npy", points.astype(str))
     with pytest.raises(ModelFileError, match="real numbers"):
         load_curve(tmp_path / "curve.npy")
+    (tmp_path / "curve.csv").write_text("x,y\n")
+    with pytest.raises(ModelFileError, match=r"curve\.csv holds no numbers"):
+        load_curve(tmp_path / "curve.csv")
 
 
 def test_columns_of_several_curves_are_refused(tmp_path):

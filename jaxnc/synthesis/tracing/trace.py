@@ -110,7 +110,7 @@ class Curve(NamedTuple):
     @classmethod
     def of(cls, points: Any, closed: bool | None, timing: Any = None) -> "Curve":
         """Check a curve and space it evenly."""
-        given = as_floats(points)
+        given = as_floats(points, "trace: points must be real numbers (x, y); complex z are np.c_[z.real, z.imag]")
         if given.ndim != 2 or given.shape[-1] != 2 or len(given) < 3:
             raise InputError(f"trace: points must be places in the plane, (N, 2) with N >= 3; got shape {given.shape}")
         if not (good := (np.abs(given) < 1e150).all(axis=1)).all():  # squares of larger numbers are infinite
