@@ -473,9 +473,9 @@ class ModesMap(Reported):
         count: number of assemblies of each, ``(...,)``.
         poses: the assemblies, ``(..., most)``, those nearest to the drawing first; where there are fewer than `most`
             the status says so.
-        doubtful: where paths were lost or solutions are not isolated, so that others may be missing, ``(...,)``. Of
-            solutions that are not isolated, as of a kite that turns freely, rounding may leave none: single inputs tell
-            that, a map does not.
+        doubtful: where paths were lost, solutions are not isolated or a design is not finite, so that others may be
+            missing, ``(...,)``. Of solutions that are not isolated, as of a kite that turns freely, rounding may leave
+            none: single inputs tell that, a map does not.
         expected: how many solutions a generic mechanism of this structure has, complex ones included.
         proof: as of `Modes`.
     """
@@ -489,7 +489,7 @@ class ModesMap(Reported):
 
     @property
     def complete(self) -> bool:
-        """True if no path was lost anywhere."""
+        """True if no place is doubtful."""
         return not self.doubtful.any()
 
     @property
@@ -504,7 +504,10 @@ class ModesMap(Reported):
             f"Of {self.count.size} places these have so many assemblies: {found}."
         )
         if not self.complete:
-            text += f" At {int(self.doubtful.sum())} of them paths were lost or solutions are not isolated."
+            text += (
+                f" At {int(self.doubtful.sum())} of them paths were lost, solutions are not isolated or the design is "
+                f"not finite."
+            )
         return text
 
     def __str__(self) -> str:
@@ -536,17 +539,22 @@ def _solve_map(
     else:
         several = [system]
     values = np.asarray(values, float).reshape(-1, values.shape[-1])
-    first = max(several, key=_nonzero) if lead else system
-    own, family = prepare(first, order, held, seed, most, prove)
-    designs = [own] if not lead else [describe(one, family.reading) for one in several]
-    found = Targets(designs, family, order, values, seed)
-    count = np.array([p.w.shape[1] for p in found.places])
+    nonzero = np.array([_count_nonzero(one) for one in several])
+    if nonzero.max() < 0:
+        raise InputError(f"modes(): of {counted(len(several), 'design')} none is finite")
+    own, family = prepare(several[int(nonzero.argmax())], order, held, seed, most, prove)
+    finite = np.flatnonzero(nonzero >= 0) if lead else np.arange(len(values))
+    designs = [own] if not lead else [describe(several[k], family.reading) for k in finite]
+    found = Targets(designs, family, order, values[finite], seed)
+    count, doubtful = np.zeros(len(values), int), np.ones(len(values), bool)
+    count[finite] = [p.w.shape[1] for p in found.places]
+    doubtful[finite] = [p.doubtful for p in found.places]
     most = max(int(count.max(initial=0)), 1)
-    q = np.empty((len(values), most, len(top.coordinates)))
+    q = np.full((len(values), most, len(top.coordinates)), np.nan)
     status = np.full((len(values), most), int(Status.DID_NOT_ASSEMBLE))
     gap, condition = np.full((2, len(values), most), np.nan)
-    for k, place in enumerate(found.places):
-        design = found.design_of(k)
+    for number, (k, place) in enumerate(zip(finite, found.places, strict=True)):
+        design = found.design_of(number)
         away = np.abs(((place.q.T - design.pose) / design.unit)[:, : design.reading.first]).sum(axis=1)
         at, n = np.argsort(away, kind="stable"), len(away)
         q[k], status[k, :n] = design.pose, int(Status.CONVERGED)
@@ -558,15 +566,18 @@ def _solve_map(
         {n: values[:, k].reshape(shape) for k, n in enumerate(names)},
         count.reshape(shape),
         motion,
-        np.array([p.doubtful for p in found.places]).reshape(shape),
+        doubtful.reshape(shape),
         len(family.starts),
         family.starts.proof,
     )
 
 
-def _nonzero(system: System) -> int:
-    """How many constants of a design are not zero."""
-    return sum(int((np.abs(c) > ZERO).sum()) for c in to_host(derive(system)).constants)
+def _count_nonzero(system: System) -> int:
+    """Count the constants of a design that are not zero; -1 of a design that is not finite."""
+    eq = to_host(derive(system))
+    if not all(np.isfinite(x).all() for x in (eq.home, *eq.constants)):
+        return -1
+    return sum(int((np.abs(c) > ZERO).sum()) for c in eq.constants)
 
 
 @public

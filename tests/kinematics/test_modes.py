@@ -497,12 +497,17 @@ def test_grids_have_at_each_place_what_it_has_alone(tmp_path):
 
 
 def test_stacks_of_designs_have_each_what_it_has_alone():
+    """Designs that are not finite, the first among them, count as not known and keep nothing from the others."""
     system, rng = stephenson().compile(), np.random.default_rng(5)
     places = np.asarray(system["C"]) + 0.3 * rng.normal(size=(12, 2))
+    places[0, 1], places[5] = np.nan, np.inf
     several = jax.vmap(lambda c: system.replace({"C": c}))(jnp.asarray(places))
     found = nc.modes(several, {"phi": 2.72})
-    assert found.complete and len({*found.count.tolist()}) > 1
-    for k in (0, 4, 11):
+    assert np.flatnonzero(found.doubtful).tolist() == [0, 5] and found.count[[0, 5]].tolist() == [0, 0]
+    assert found.poses.status[::5][:2].all() and not found.complete and len({*found.count.tolist()}) > 2
+    with pytest.raises(nc.InputError, match="of 2 designs none is finite"):
+        nc.modes(jax.tree.map(lambda leaf: leaf[:6:5], several), {"phi": 2.72})
+    for k in (1, 4, 11):
         one = nc.modes(system.replace({"C": places[k]}), {"phi": 2.72})
         assert len(one) == found.count[k]
         np.testing.assert_allclose(found.poses["E"][k, : len(one)], one.poses["E"], atol=1e-9)
