@@ -125,6 +125,19 @@ def test_points_of_a_known_linkage(count, base, expected):
             )
 
 
+def test_keys_of_cognates_are_the_same_and_know_turns():
+    """Of nine points: the turns of coupler, crank and rocker are those of the links of either cognate."""
+    z, task = stored_starts("9-00")
+    z = z[:, :20]
+    keys = precision_points.solution_keys(z, task)
+    for which in (1, 2):
+        other = polish(precision_points._cognate(z, which), task)[0]
+        assert not np.allclose(other[8:], z[8:], rtol=0.1)
+        np.testing.assert_allclose(precision_points.solution_keys(other, task), keys, rtol=1e-6)
+    z[11] += 0.1  # another turn of the coupler at the fifth point
+    assert (np.abs(precision_points.solution_keys(z, task) - keys).max(axis=0) > 1e-3).all()
+
+
 def test_nine_points_on_a_quarter_turn_lose_none():
     """Points close together: conditions are 1e9, and doubles alone lose paths (here five); the linkage is found."""
     a, d, crank, coupler, rocker, shape = 0.0, 1.0, 0.6, 1.1, 1.3, 0.7 + 0.5j
