@@ -219,9 +219,9 @@ ASK = {
         "jit in checkpoint in map in vmap": "fff rfr",
         "derivatives in vmap": "rrr",
     },
-    rates: {"scan": "rf", "vmap": "frf", "derivatives in vmap": "fff"},
-    effort: {"vmap": "rfr"},
-    fall: {"map": "rf"},
+    rates: {"scan": "rf", "derivatives in vmap": "fff"},
+    effort: {"vmap": "rfr"},  # of poses with their rates
+    fall: {"jit": "rf"},
 }
 
 

@@ -118,7 +118,7 @@ def test_velocity_and_acceleration_gradients():
 
     points = tuple(system[n] for n in names)
     want = jax.jit(jax.grad(of_points))(points)
-    got = jax.jit(jax.grad(of_system))(system)
+    got = jax.grad(of_system)(system)  # compiled: test_derivative_orders.py
     for name, wanted in zip(names, want, strict=True):
         close(got[name], wanted)
 
@@ -157,23 +157,24 @@ def test_failed_lanes_leave_the_others_finite_and_exact(analysis):
     system = slider_crank()
     far = jnp.array([0.25, 0.3, 0.35, 0.5, 0.9]) if analysis is nc.sweep else jnp.array([0.25, 0.5, 0.3, 0.9, 0.35])
 
-    def total(s, x, keep):
-        mo = analysis(s, {"S.x": x}, rates={"S.x": 1.0})
-        return jnp.sum(jnp.where((mo.converged & keep)[:, None], mo["A"], 0.0)), mo
-
-    def unmasked(s, x, weight):
-        mo = analysis(s, {"S.x": x}, rates={"S.x": 1.0})
-        return jnp.sum(weight[:, None] * (mo["A"] + mo.velocity("A") + mo.acceleration("A")))
-
-    @jax.jit  # both in one program
+    @jax.jit
     def gradients(s, x, keep):
-        return *jax.grad(total, has_aux=True)(s, x, keep), jax.grad(unmasked)(s, x, jnp.where(keep, 1.0, 0.0))
+        """Of the good poses' places, and of all that is told of the poses to keep, pulled back side by side."""
 
-    gradient, mo, all_of_them = gradients(system, far, np.ones(5, dtype=bool))
+        def told(s):
+            mo = analysis(s, {"S.x": x}, rates={"S.x": 1.0})
+            return (mo["A"], mo.velocity("A") + mo.acceleration("A")), mo
+
+        (place, _), pull, mo = jax.vjp(told, s, has_aux=True)
+        weights = jnp.stack([mo.converged & keep, keep]).astype(float)[..., None] * jnp.ones_like(place)
+        both = jax.vmap(lambda *of: pull(of)[0])(weights, weights * jnp.array([0.0, 1.0])[:, None, None])
+        return *(jax.tree.map(lambda leaf, k=k: leaf[k], both) for k in (0, 1)), mo
+
+    gradient, all_of_them, mo = gradients(system, far, np.ones(5, dtype=bool))
     good = np.asarray(mo.converged)
     assert int(mo.failures) == 2 and good.sum() == 3
     near = jnp.where(good, far, 0.3)  # the same good poses, and others in place of those that fail
-    alone, other, careful = gradients(system, near, good)
+    alone, careful, other = gradients(system, near, good)
     assert int(other.failures) == 0
     for x, y in zip(jax.tree.leaves(gradient), jax.tree.leaves(alone), strict=True):
         np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-14)
@@ -199,27 +200,22 @@ def test_what_is_held_follows_the_drawing_in_derivatives():
     def held(s):
         return nc.sweep(s, {"p": jnp.array([0.5, 0.7])}, hold=["s"])["C"][1]
 
-    def closed(s):
-        a, b = jnp.linalg.norm(s["B"] - s["A"]), s["C"] - s["B"]  # b keeps its direction
-        return s["A"] + a * jnp.array([jnp.cos(0.7), jnp.sin(0.7)]) + b
-
+    A, B, C = (np.array(x, float) for x in ((0, 0), (1, 0.5), (1.8, 1.1)))
+    length, weights = np.linalg.norm(B - A), np.array([1.0, 0.7])
+    along, ahead = (B - A) / length, np.array([np.cos(0.7), np.sin(0.7)])
     system = arm()
-    close(held(system), closed(system))
+    close(held(system), A + length * ahead + C - B)  # the second bar keeps its direction
+    got = jax.grad(lambda s: held(s) @ weights)(system)  # by the host; of compiled code see below
+    push = (weights @ ahead) * along
+    for name, want in zip("ABC", (weights - push, push - weights, weights), strict=True):
+        close(got[name], want)
 
-    def slope(f):
-        return jax.grad(lambda s: f(s) @ jnp.array([1.0, 0.7]))
+    def guided(x):  # beside a guess for another point
+        return nc.solve_position(system.replace({"B": x}), {"p": 0.7}, hold=["s"], start={"B": (0.8, 0.7)})["C"][0]
 
-    got, want = slope(held)(system), jax.jit(slope(closed))(system)  # by the host; of compiled code see below
-    for name in "ABC":
-        close(got[name], want[name])
-
-    def guided(s):  # beside a guess for another point
-        return nc.solve_position(s, {"p": 0.7}, hold=["s"], start={"B": (0.8, 0.7)})["C"]
-
-    def second(f, x):
-        return jax.jvp(jax.grad(lambda x: f(system.replace({"B": x}))[0]), (x,), (jnp.array([0.6, 0.8]),))[1]
-
-    close(*nc.jit(lambda x: (second(guided, x), second(closed, x)))(jnp.array([1.0, 0.5])))
+    way = np.array([0.6, 0.8])
+    second = nc.jit(lambda x: jax.jvp(jax.grad(guided), (x,), (way,))[1])
+    close(second(B), ahead[0] * (way - along * (along @ way)) / length)
 
 
 def test_what_is_held_follows_lengths_that_are_given():
@@ -299,8 +295,12 @@ def test_a_drawing_off_its_lengths_is_assembled_where_it_is_closest():
     h, steps = 1e-5, np.eye(3)
     ends = [[(at[0] + k * h * e[:2], at[1] + k * h * e[2]) for k in (1, -1)] for e in steps]
     close(np.hstack(jax.grad(held, (0, 1))(*at)), [(held(*a) - held(*b)) / (2 * h) for a, b in ends], 1e-8)
-    both = nc.jit(lambda *x: (jax.grad(held, (0, 1))(*x), jax.hessian(held)(*x)))
-    gradient, hessian = both(*at)
+
+    def slope(*x):
+        whole = jax.grad(held, (0, 1))(*x)
+        return whole[0], whole
+
+    hessian, gradient = nc.jit(jax.jacfwd(slope, has_aux=True))(*at)
     close(np.hstack(gradient), np.hstack(jax.grad(held, (0, 1))(*at)))
     slopes = [[jax.grad(held)(*a) - jax.grad(held)(*b)] for a, b in ends[:2]]
     close(hessian, np.concatenate(slopes) / (2 * h), 1e-7)

@@ -92,12 +92,22 @@ def test_gradients_of_every_hardpoint():
     def place(s):
         return nc.sweep(s, inputs, rates={"phi": 2.0}).velocity("3")
 
-    found, top = nc.jit(jax.jacfwd(place))(system()).parameters, system().topology
+    # Each by the host, and all of them together in compiled code.
+    rng, whole = np.random.default_rng(2), system()
+    way = jax.tree.map(lambda x: rng.normal(size=x.shape), whole)
+    found, steps, top = jax.jacrev(place)(whole).parameters, way.parameters, whole.topology
     expected = hardpoint_gradient(lambda p: rscr(p, angles, 2.0)["3"].v, RSCR)
-    scale = max(np.abs(v).max() for v in expected.values())
+    scale, along = max(np.abs(v).max() for v in expected.values()), 0.0
     for name, value in expected.items():
-        leaf, names = (found.vectors, top.vectors) if name in top.vectors else (found.points, top.points)
+        (leaf, step), names = (
+            ((found.vectors, steps.vectors), top.vectors)
+            if name in top.vectors
+            else ((found.points, steps.points), top.points)
+        )
         assert np.abs(leaf[..., names.index(name), :] - value).max() < GRADIENT * scale, name
+        along = along + value @ step[names.index(name)]
+    change = nc.jit(lambda s, d: jax.jvp(place, (s,), (d,))[1])(whole, way)
+    assert np.abs(change - along).max() < GRADIENT * np.abs(along).max()
 
 
 def test_both_ways_with_redundant_rows_agree():

@@ -274,21 +274,17 @@ def test_gradient_through_factors_made_on_the_host():
         assert np.max(np.abs(x - y), initial=0.0) <= 100 * SAME * (1 + np.max(np.abs(x), initial=0.0))
 
 
-def test_second_derivatives_agree_with_the_dense_ones():
-    mechanism = library.CATALOGUE["four-bar-chain"]()
-    drive = mechanism.model.run.inputs["phi"]
-    u = 0.7 * drive.start + 0.3 * drive.end
-    found = []
-    for way in (False, True):
-        system = mechanism.compile(way)
+def test_second_derivatives_are_those_of_the_closed_form():
+    """All loops are rhombi: every tip goes round its pivot as the first one does."""
+    system, u = library.four_bar_chain(3).compile(True), 1.3
 
-        def total(u, system=system):
-            return jnp.sum(nc.solve_position(system, {"phi": u}, throw=False).q[4:] ** 2)
+    def total(u):
+        return jnp.sum(nc.solve_position(system, {"phi": u}, throw=False).q[4:] ** 2)
 
-        slope = jax.jit(jax.grad(total))  # traced once for both orders
-        found += jax.jit(lambda u, slope=slope: [jax.grad(slope)(u), jax.jvp(slope, (u,), (1.0,))[1]])(u)
-    assert abs(found[0]) > 1e-3
-    assert np.ptp(found) <= 100 * SAME * abs(found[0])
+    slope = jax.jit(jax.grad(total))  # traced once for both orders
+    found = jax.jit(lambda u: [jax.grad(slope)(u), jax.jvp(slope, (u,), (1.0,))[1]])(u)
+    wanted = 2.0 - 2.0 * np.arange(4).sum() * np.cos(u)  # of the angle, and of the tips (k + cos u, sin u)
+    np.testing.assert_allclose(found, wanted, rtol=100 * SAME)
 
 
 def test_a_loose_drawing_with_given_lengths_is_assembled():

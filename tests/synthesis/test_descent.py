@@ -32,6 +32,7 @@ def four_bar():
 IDEA = four_bar()
 GOAL = np.array([2.1, 3.4])
 ADAM = optax.adam(2e-2)
+PHI = np.linspace(0.5, 1.5, 4)
 
 
 def near_goal(system):
@@ -81,10 +82,13 @@ def test_the_first_steps_are_those_that_optax_takes():
 
 
 def test_designs_stay_in_their_boxes_and_lengths():
-    """The nearest point to the goal in a disc round B, below a line; Lagrange's conditions in closed form."""
+    """The nearest point to the goal in a disc round B, below a line; Lagrange's conditions in closed form.
+
+    In the disc with rates for each unknown, which are not to turn a step along its edge.
+    """
     B = np.asarray(IDEA["B"])
     problem = S.Loss(IDEA, near_goal, free=["P"], bounds={"B-P": (0.5, 2.0)})
-    result = S.descend(problem, optax.sgd(0.01), steps=200, starts=4, gradient=1e-10)
+    result = S.descend(problem, ADAM, steps=1000, starts=4, gradient=1e-10)
     way = GOAL - B
     np.testing.assert_allclose(result.best["P"], B + 2.0 * way / np.linalg.norm(way), atol=1e-8)
     assert result.designs[0].converged and not result.designs[0].defects
@@ -92,16 +96,6 @@ def test_designs_stay_in_their_boxes_and_lengths():
     found = S.descend(low, optax.sgd(0.01), steps=200, starts=2, gradient=1e-10).designs[0]
     np.testing.assert_allclose(found.system["P"], [GOAL[0], 3.0], atol=1e-8)
     assert found.converged and "the bound of P.y" in found.binding
-
-
-def test_rates_of_their_own_do_not_turn_a_step_along_a_bound():
-    """A pin in a disc about A that is to come near a place: Lagrange's condition in closed form."""
-    A, goal = np.asarray(IDEA["A"]), np.array([1.0, 1.5])
-    problem = S.Loss(
-        IDEA, lambda system: jnp.sum((system["B"] - A - goal) ** 2), free=["B"], bounds={"A-B": (0.5, 1.0)}
-    )
-    found = S.descend(problem, optax.adam(2e-2), steps=1000, starts=1, gradient=1e-9).designs[0]
-    np.testing.assert_allclose(found.system["B"], A + goal / np.linalg.norm(goal), atol=1e-6)
 
 
 @pytest.mark.slow
@@ -259,7 +253,7 @@ def test_a_path_by_all_targets_and_by_batches():
     t = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
     motion = nc.sweep(IDEA, {"phi": t})
     beside = IDEA.replace(P=(1.9, 3.12), C=(3.35, 2.95))
-    problem = S.PathGeneration(beside, "P", motion["P"], timing=t, free=["P", "C"], bounds={"B-P": (0.5, 5.0)})
+    problem = S.PathGeneration(beside, "P", motion["P"], timing=t, free=["P", "C"], bounds={"P.x": (0.5, 5.0)})
     idea = np.tile(problem.start, (2, 1))
     whole = S.descend(problem, optax.adam(optax.cosine_decay_schedule(1e-2, 400)), steps=400, starts=idea)
     assert whole.found and whole.designs[0].rms < 1e-4
@@ -326,8 +320,10 @@ def test_a_line_search_over_sweeps_that_ask_the_host():
     system = nc.library.four_bar(coupler_point=(0.06, 0.05)).compile()
 
     def wave(design):
-        return 1e4 * jnp.var(nc.sweep(design, {"phi": np.linspace(0.5, 1.5, 4)})["P"][:, 1])
+        return 1e4 * jnp.var(nc.sweep(design, {"phi": PHI})["P"][:, 1])
 
     loss = S.Loss(system, wave, free=["coupler.B-C", "rocker.C-D"])
-    result = S.descend(loss, optax.lbfgs(), steps=3, starts=2)
-    assert result.error < 0.1 * float(wave(system))
+    searching = optax.scale_by_backtracking_linesearch(max_backtracking_steps=15, store_grad=True)
+    result = S.descend(loss, optax.chain(optax.sgd(0.02), searching), steps=12, starts=2)
+    assert (np.diff(result.steps.value, axis=0) < 0.0).all()
+    assert result.error < 0.2 * float(wave(system)) and nc.sweep(result.best, {"phi": PHI}).converged.all()

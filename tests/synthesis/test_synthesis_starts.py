@@ -126,8 +126,8 @@ def test_nine_published_poses():
     angles = np.array([-0.9, 0.0, 0.7, 1.5, 2.8, -2.3, -2.0, -1.9, -2.1])
     any_angle = [S.transmission_angle(0)]  # 1.5 degrees at a target
     problem = S.MotionGeneration(four_bar(), "coupler", "P", poses, angles, reach=1.0, subject_to=any_angle)
-    settings = {"starts": 2500, "refine": 48, "enough": 0.0015738, "progress": False}  # a part of what is usual
-    assert S.solve(problem, **settings, key=jax.random.key(0)).error <= 0.0015738
+    settings = {"starts": 600, "refine": 16, "enough": 0.0015738, "progress": False}  # a part of what is usual
+    assert S.solve(problem, **settings, key=jax.random.key(1)).error <= 0.0015738
 
 
 def far_from_the_idea(joints):
