@@ -73,6 +73,10 @@ EVERY = tuple(
 )
 FEW = ("closed jit", "passed vmap", "closed map", "passed grad")
 FEWEST = ("closed jit", "passed vmap")
+# Of what takes longest to compile, passed and mapped where more is asked of it: in dynamics/test_dynamics_balance.py
+# (batches of linearisations, and of equilibria with derivatives), test_dynamics_motion.py (a batch is a loop) and
+# test_vector_field.py (vmap over designs).
+ONE = ("closed jit",)
 FUNCTIONS = {
     "residual": (lambda s, x: nc.system.residual(s, whole(s), {"phi": x}), EVERY),
     "jacobian": (lambda s, x: nc.system.jacobian(s, whole(s) * x), EVERY),
@@ -89,10 +93,10 @@ FUNCTIONS = {
     "momentum": (lambda s, x: nc.dynamics.momentum(moving(s, x)), FEWEST),
     "angular_momentum": (lambda s, x: nc.dynamics.angular_momentum(moving(s, x)), FEWEST),
     "inverse_dynamics": (lambda s, x: nc.inverse_dynamics(s, at_rest(s, x)).efforts, FEWEST),
-    "linearise": (lambda s, x: nc.linearise(s, moving(s, x)).stiffness, FEWEST),
-    "simulate": (lambda s, x: nc.simulate(s, T, {"phi": x}, method="rk4").q, FEWEST),
-    "vector_field": (lambda s, x: swinging(s, x), FEWEST),
-    "equilibrium": (lambda s, x: nc.equilibrium(s, {"phi": x}).motion.q, FEWEST),
+    "linearise": (lambda s, x: nc.linearise(s, moving(s, x)).stiffness, ONE),
+    "simulate": (lambda s, x: nc.simulate(s, T, {"phi": x}, method="rk4").q, ONE),
+    "vector_field": (lambda s, x: swinging(s, x), ONE),
+    "equilibrium": (lambda s, x: nc.equilibrium(s, {"phi": x}).motion.q, ONE),
 }
 QUICK = ("residual", "closed", "jacobian", "equations", "total_mass", "kinetic_energy")
 # Answered on the host: an iteration whose length is not known, a text, a file. With numbers that are not known they
@@ -251,13 +255,7 @@ def test_motions_in_time_take_degrees_too():
 
 
 def test_dynamics_takes_degrees_by_name():
-    m = nc.Mechanism("pendulum")
-    m.ground("O", (0, 0))
-    m.point("P", (1, 0))
-    m.body("bar", ["O", "P"], mass=1.0)
-    m.angle("phi", at="O", to="P")
-    m.gravity = (0, -9.81)
-    system, t = m.compile(), np.linspace(0.0, 0.2, 3)
+    system, t = pendulum(), T  # as above, where their programs are compiled
     run = nc.simulate(system, t, {"phi": 30.0}, {"phi": 90.0}, method="rk4", unit="deg")
     other = nc.simulate(system, t, {"phi": 30.0 * DEGREE}, {"phi": 90.0 * DEGREE}, method="rk4")
     np.testing.assert_allclose(run.q, other.q, rtol=0, atol=1e-12)

@@ -28,6 +28,12 @@ def test_library(dim):
     bench.check_agreement()
 
 
+def at_rest(system, **inputs):
+    """What acts where inputs are held: in a third of the time that an equilibrium's search takes to compile."""
+    motion = nc.sweep(system, {name: [value] for name, value in inputs.items()}, rates=dict.fromkeys(inputs, 0.0))
+    return nc.inverse_dynamics(system, motion).reactions
+
+
 RIGS = tuple(CASES)  # every joint in space in all of its forms
 
 
@@ -309,7 +315,7 @@ def test_names_of_two_things_are_told_apart():
     m.body("slide", ["B", "S"], mass=1.0)
     m.slot("slide", "S", ("A", "G"))
     m.angle("phi", at="A", to="B")
-    found = nc.equilibrium(m.compile(), hold={"phi": 0.7}).reactions
+    found = at_rest(m.compile(), phi=0.7)
     with pytest.raises(nc.errors.InputError, match=r"(?s)'slide'.*body.*joint.*'joint slide'"):
         found.rows("slide")
     assert len(found.rows("joint slide")) == 1 and len(found.rows("body slide")) == 1
@@ -415,8 +421,7 @@ def test_the_ground_carries_what_is_loaded(name):
         m.force(f"load {k}", point, tuple(load))
     system = m.compile()
     drawn = nc.solve_position(system, {}, hold=list(system.independent))
-    inputs = {n: [float(drawn[n])] for n in system.independent}
-    found = nc.inverse_dynamics(system, nc.sweep(system, inputs, rates=dict.fromkeys(inputs, 0.0))).reactions
+    found = at_rest(system, **{n: float(drawn[n]) for n in system.independent})
     total = sum(loads) + sum(np.asarray(found.support(p))[0] for p in system.topology.points)
     np.testing.assert_allclose(total, 0.0, atol=1e-10)
 
@@ -445,7 +450,7 @@ def test_a_weld_does_not_act_on_other_points(first):
     m.weld("w", first, "tool" if first == "arm" else "arm")
     m.angle("phi", at="A", to="B")
     m.force("F", "E", (0, -10.0))
-    found = nc.equilibrium(m.compile(), hold={"phi": 0.0}).reactions
+    found = at_rest(m.compile(), phi=0.0)
     for point, body, force, moment in (
         ("B", "arm", (0, 0), 0),
         ("D", "tool", (0, 0), 0),
@@ -453,7 +458,7 @@ def test_a_weld_does_not_act_on_other_points(first):
         ("C", "tool", (0, 10), 10),
     ):
         wrench = found.at(point, on=body)
-        np.testing.assert_allclose((*wrench.force, wrench.moment), (*force, moment), atol=1e-9)
+        np.testing.assert_allclose((*wrench.force[0], wrench.moment[0]), (*force, moment), atol=1e-9)
 
 
 def test_a_weld_leaves_a_guide_alone():
@@ -466,6 +471,6 @@ def test_a_weld_leaves_a_guide_alone():
     m.body("slider", ["B", "C"], vectors=["z", "u"]), m.body("tool", ["C", "D", "E"])
     m.prismatic("guide", line=("A", "z"), on="B", directions=("x", "u"))
     m.weld("w", "slider", "tool"), m.force("F", "E", (0, 0, -10.0)), m.distance("h", "A", "B", along="z")
-    found = nc.equilibrium(m.compile(), hold={"h": 0.5}).reactions.at("B", on="slider")
-    np.testing.assert_allclose(found.force, (0, 0, 10), atol=1e-9)
-    np.testing.assert_allclose(found.moment, -np.cross((1.5, 1, 0.5), (0, 0, -10)), atol=1e-9)
+    found = at_rest(m.compile(), h=0.5).at("B", on="slider")
+    np.testing.assert_allclose(found.force[0], (0, 0, 10), atol=1e-9)
+    np.testing.assert_allclose(found.moment[0], -np.cross((1.5, 1, 0.5), (0, 0, -10)), atol=1e-9)
