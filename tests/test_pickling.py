@@ -94,7 +94,7 @@ def test_families_are_equal_again():
 def test_what_was_made_of_a_system_is_equal_again():
     angles = np.linspace(0.0, 1.0, 5)
     motion = nc.sweep(system(), {"phi": angles}, rates={"phi": 1.0})
-    run = nc.simulate(system(), np.linspace(0.0, 0.1, 3), step=0.01)
+    run = nc.simulate(system(), np.linspace(0.0, 0.1, 3))
     for found in (motion, motion.pose(1), run, nc.reactions(run)):
         for other in (again(found), copy.copy(found), copy.deepcopy(found)):
             assert type(other) is type(found) and same(found, other)

@@ -253,7 +253,7 @@ def _read_drive(
     """Name and drive of an option: at most so many numbers; so many `poses` where none are said, or as in the file."""
     name, rest = read_pair(text, option, form)
     check_driven(mechanism, name, f"{option} {text}")
-    parts = rest.split(":")
+    parts = [part.strip() for part in rest.split(":")]
     if len(parts) > most or not all(parts):
         raise InputError(f"{option} {text}: write {form}")
     numbers = [read_number(mechanism, name, part, f"{option} {text}") for part in parts[:2]]

@@ -46,8 +46,8 @@ def simulate(
     method: str = "dopri8",
     inputs: Mapping[str, Callable] | None = None,
     step: float | None = None,
-    rtol: float = 1e-9,
-    atol: float = 1e-11,
+    rtol: float | None = None,
+    atol: float | None = None,
     first: float | None = None,
     event: Callable | None = None,
     event_parameters: Any = (),
@@ -70,8 +70,8 @@ def simulate(
             ``"generalised alpha"`` (implicit, for stiff mechanisms).
         inputs: coordinates that follow functions of time; the forces that this takes are left to the constraints.
         step: longest step of a method of fixed step, s; one step between two times if not given.
-        rtol: relative tolerance of an adaptive step.
-        atol: absolute tolerance of an adaptive step.
+        rtol: relative tolerance of an adaptive step; 1e-9 if not given.
+        atol: absolute tolerance of an adaptive step; 1e-11 if not given.
         first: first adaptive step, s.
         event: ``f(t, state)`` (or ``f(t, state, event_parameters)``) whose change of sign ends the motion.
         event_parameters: what the event is given, any pytree.
@@ -92,6 +92,10 @@ def simulate(
     Source: J. García de Jalón, E. Bayo, Kinematic and Dynamic Simulation of Multibody Systems, ch. 5.
     """
     check_loads(system, "simulate()", moves=True)
+    if method not in (*ADAPTIVE, *FIXED):
+        raise InputError(f"method={method!r}; {nearest(method, (*ADAPTIVE, *FIXED))}")
+    check_steps(method, {"step=": step}, {"rtol=": rtol, "atol=": atol, "first=": first})
+    rtol, atol = 1e-9 if rtol is None else rtol, 1e-11 if atol is None else atol
     for value, name in ((step, "step="), (first, "first=")):
         if value is not None:
             positive(value, name)
@@ -103,8 +107,6 @@ def simulate(
         raise InputError("rtol= and atol= are both 0, which no step can meet; give one of them")
     most = whole(most, "most=, the most steps,")
     singular = bool(singular)
-    if method not in (*ADAPTIVE, *FIXED):
-        raise InputError(f"method={method!r}; {nearest(method, (*ADAPTIVE, *FIXED))}")
     t = array(t, "time t")
     finite(t, "time t")
     if t.ndim != 1 or t.shape[0] < 2:
@@ -146,6 +148,16 @@ def simulate(
         outside(made.status, "throw=True")
         _check_reached(spec.flow(system), made, method)
     return made
+
+
+def check_steps(method: str, fixed: Mapping[str, object], adaptive: Mapping[str, object]) -> None:
+    """Refuse what is given, under these names, for the steps of methods of the other sort."""
+    wrong, steps, methods = adaptive, "that follow their errors", ADAPTIVE
+    if method in ADAPTIVE:
+        wrong, steps, methods = fixed, "of fixed length", FIXED
+    for name, value in wrong.items():
+        if value is not None:
+            raise InputError(f"{name} is for steps {steps} ({', '.join(methods)}), not for {method!r}; leave it out")
 
 
 def _plain_float(x: float) -> float:

@@ -85,6 +85,14 @@ class Table:
         """Names of the quantities."""
         return tuple(self.positions)
 
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a quantity of this name."""
+        return name in self.positions
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the names of the quantities."""
+        return iter(self.positions)
+
     def __getitem__(self, name: str) -> np.ndarray:
         """Positions of a point or marker, or values of a coordinate."""
         if name not in self.positions:

@@ -516,7 +516,7 @@ class Simulation(_ModelRecord):
     times: int = 201
     method: str = "dopri8"
     step: float | None = None
-    rtol: float = 1e-9
+    rtol: float | None = None
     start: dict[str, float] = {}
     rates: dict[str, float] = {}
 

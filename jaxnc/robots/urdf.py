@@ -283,16 +283,18 @@ class UrdfFile:
 
     def _mimics(self) -> None:
         joints = self.description.joints
-        for name, joint in self.joints.items():
-            mimic = joint.find("mimic")
-            if mimic is None:
-                continue
+        mimics = {name: m for name, joint in self.joints.items() if (m := joint.find("mimic")) is not None}
+        for name, mimic in mimics.items():
             what, other = f"mimic of joint {name!r}", mimic.get("joint") or ""
             for n in (name, other):
                 if n not in joints or joints[n].kind not in ("hinge", "slide"):
                     raise self.fault(f"{what}: {n!r} is no hinge or slide; {nearest(n, joints)}")
-            if other == name:
-                raise self.fault(f"{what}: it follows itself; name another joint")
+            leaders = [other]
+            while leaders[-1] in mimics and name not in leaders and len(leaders) < len(mimics):
+                leaders.append(mimics[leaders[-1]].get("joint") or "")
+            if name in leaders:
+                by = f", by {', '.join(map(repr, leaders[:-1]))}" if leaders[1:] else ""
+                raise self.fault(f"{what}: it follows itself{by}; name another joint")
             factor, offset = self._number(mimic, "multiplier", 1, what), self._number(mimic, "offset", 0, what)
             second = other if factor else None
             self.description.followers.append(Follower(f"mimic {name}", name, second, (offset, factor)))

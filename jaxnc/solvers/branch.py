@@ -40,6 +40,7 @@ LEFT = 0.5  # of the way to a fold is gone in a step: the tangent then changes b
 FAST = 30.0  # times its usual speed: towards a fold the pose changes as one over a root, at a crossing it does not
 PAGE_TURN = 0.7  # radians of a page's first step: it sees less of a branch than the host does, and tries again
 PAGE_SHORTEST = 1e-8  # of the first step: where a page's steps are shorter, the branch ends
+PAGE_STEPS = 500  # at most for each such first step: along a dead point steps stay short
 
 
 def parts_of_way(steps: int) -> np.ndarray:
@@ -51,7 +52,8 @@ def page_numbers() -> dict[str, float]:
     """Return the numbers by which the script of a page tells branches apart, by their names in the script."""
     least = limits(np.zeros(0))
     lengths = {"ACCEPT": least.accept, "ROUNDING": least.rounding, "CLOSE": least.close, "CROSSING": least.crossing}
-    return {**lengths, "SHARP": SHARP, "FIRST": FIRST, "TURN": PAGE_TURN, "SHORTEST": PAGE_SHORTEST}
+    steps = {"FIRST": FIRST, "TURN": PAGE_TURN, "SHORTEST": PAGE_SHORTEST, "STEPS": PAGE_STEPS}
+    return {**lengths, **steps, "SHARP": SHARP}
 
 
 class TrialStep(NamedTuple):

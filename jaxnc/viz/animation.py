@@ -43,10 +43,9 @@ def animate(
         motion: a sequence of poses.
         path: file ending in ``.gif``.
         frames: how many, evenly spread over the poses, or which poses. Default: every pose, but at most 120; of a
-            motion in time as many as show it in real time, at most 240 (one that would be over in less than a second is
-            slowed down by a power of ten). The last pose of a motion that closes is left out, since it is the first
-            again.
-        fps: frames per second.
+            motion in time at most 240, each shown at its time (one that would be over in less than a second is slowed
+            down by a power of ten). The last pose of a motion that closes is left out, since it is the first again.
+        fps: frames per second; a GIF shows at most 50.
         trace: points and markers that leave a trace.
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
         accelerations: the same for accelerations.
@@ -72,30 +71,33 @@ def animate(
         raise InputError(f"{data.topology.name!r}: one pose does not move; animate a sweep, or use draw()")
     if not isinstance(fps, (int, float)) or not 0 < fps <= 1000:
         raise InputError(f"fps={fps!r}: frames per second must be a positive number, at most 1000")
-    chosen = _choose_frames(data, frames, fps)
+    chosen, pause = _choose_frames(data, frames, min(fps, 50.0))  # browsers slow down what is faster
     with writing(path, (".gif",), "an animation") as new:
         path = Path(path).expanduser()
         film = Film(data, trace, velocities, accelerations, labels, title, frame, inches(size), dots(dpi), view, forces)
-        _write_gif(path, new, film, chosen, fps)
+        _write_gif(path, new, film, chosen, pause)
     return ShownPath(path)
 
 
-def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> list[int]:
+def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> tuple[list[int], float]:
+    """Choose poses, and the seconds from one to the next."""
     if frames is None and data.motion.time is not None:
         time = np.asarray(data.motion.time, float)
-        count = int(np.clip(round(fps * float(time[-1] - time[0]) / data.pace), 2, 240))
+        lasts = float(time[-1] - time[0]) / data.pace
+        count = int(np.clip(int(fps * lasts + 1e-6) + (not data.closed), 2, 240))
         wanted = np.linspace(time[0], time[-1], count, endpoint=not data.closed)
-        return np.abs(time[:, None] - wanted).argmin(axis=0).tolist()
+        return np.abs(time[:, None] - wanted).argmin(axis=0).tolist(), lasts / (count - (not data.closed))
     if frames is None:
         frames = min(data.count - data.closed, 120)  # a page that is quick to read
     if isinstance(frames, (int, np.integer)):
         if frames < 1:
             raise InputError(f"frames={frames!r}: an animation needs at least one frame")
-        return np.rint(np.linspace(0, data.count - 1, int(frames), endpoint=not data.closed)).astype(int).tolist()
+        chosen = np.linspace(0, data.count - 1, int(frames), endpoint=not data.closed)
+        return np.rint(chosen).astype(int).tolist(), 1.0 / fps
     chosen = [data.pose(k) for k in frames]
     if not chosen:
         raise InputError("frames is empty: an animation needs at least one frame")
-    return chosen
+    return chosen, 1.0 / fps
 
 
 class Film:
@@ -164,7 +166,7 @@ class Film:
                 seen.update()
 
 
-def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float) -> None:
+def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], pause: float) -> None:
     palette = Image.new("P", (1, 1))
     palette.putpalette(film.palette().reshape(-1).tolist())
     images = [
@@ -172,6 +174,7 @@ def _write_gif(path: Path, new: Path, film: Film, chosen: list[int], fps: float)
         for image in film.frames(chosen, path)
     ]
     data = io.BytesIO()
-    pause = max(20, 10 * round(100.0 / fps))  # GIF counts hundredths of a second
-    images[0].save(data, "GIF", save_all=True, append_images=images[1:], duration=pause, loop=0, optimize=False)
+    # GIF counts hundredths of a second: what one frame is rounded by, the next makes up for.
+    pauses = (10 * np.diff(np.rint(100.0 * pause * np.arange(len(images) + 1))).astype(int)).tolist()
+    images[0].save(data, "GIF", save_all=True, append_images=images[1:], duration=pauses, loop=0, optimize=False)
     new.write_bytes(data.getvalue())

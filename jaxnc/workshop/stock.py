@@ -179,7 +179,7 @@ class Hole:
     """A round hole.
 
     Attributes:
-        name: of the point, or of what its pin guides.
+        name: of the point, of the points there, ``"E + F"``, or of what its pin guides.
         at: its place in the part, complex, mm.
         pin: number of its pin, -1 if there is none.
     """
@@ -505,8 +505,14 @@ class PartStock:
             if k not in number and {p for p, own in self.pin_at.items() if own == k} <= self.lines:
                 continue  # a point that only says where a line is
             for part in pin.parts:
-                at = self.parts[part].frame.local(self.z, self._places(pin, self.z))[0]
-                self.parts[part].holes.append(Hole(pin.name, complex(at), number.get(k, -1)))
+                at = complex(self.parts[part].frame.local(self.z, self._places(pin, self.z))[0])
+                name, holes = pin.name, self.parts[part].holes
+                # Points at one place share a hole where at most one of them is pinned.
+                twin = next((h for h in holes if abs(h.at - at) < _SAME and (h.pin < 0 or k not in number)), None)
+                if twin:
+                    holes.remove(twin)
+                    name = f"{twin.name} + {name}"
+                holes.append(Hole(name, at, max(number.get(k, -1), twin.pin if twin else -1)))
         reaches: dict[int, list[_Reach]] = defaultdict(list)
         z = self.z if fine is None else fine
         for k, (carrier, start, along) in self.ways:

@@ -64,7 +64,7 @@ def edited(tmp_path: Path, *pairs: tuple[str, str], source: str = FOUR_BAR) -> s
 
 
 def test_run_reports(capsys):
-    out = said(capsys, "run", FOUR_BAR, "--input", "phi=0:360:361")
+    out = said(capsys, "run", FOUR_BAR, "--input", "phi= 0 : 360 : 361")
     assert out.startswith("four-bar: crank-rocker whose coupler point P draws a curve\n")
     assert "8 coordinates, 7 constraint rows of rank 7, 1 degree of freedom" in out
     assert "phi driven from 0 to 360 deg at 360 deg/s, 361 poses in order along the branch" in out
@@ -162,7 +162,7 @@ WRONG = [
     ("input form", ["--input", "phi"], ["--input phi", "NAME=FROM:TO"]),
     ("input number", ["--input", "phi=0:x"], ["phi=0:x", "'x' is not a number"]),
     ("input nan", ["--input", "phi=0:nan"], ["'nan' must be a finite number"]),
-    ("input poses", ["--input", "phi=0:1:2.5"], ["whole number", "'2.5'"]),
+    ("input poses", ["--input", "phi=0:1: 2.5"], ["whole number", "'2.5'"]),
     ("too many parts", ["--input", "phi=0:1:2:3"], ["NAME=FROM:TO:POSES"]),
     ("input twice", ["--input", "phi=0:1", "--input", "phi=0:2"], ["given twice"]),
     ("degrees of a length", ["--input", "B.x=0:1deg"], ["'B.x' is not an angle", "leave 'deg' out"]),
@@ -604,6 +604,8 @@ def test_an_extreme_at_an_end_or_beside_a_failed_pose_is_a_pose():
         (["run", FOUR_BAR, "--input", "ph=0deg:360deg"], ["--input ph=0deg:360deg", "no coordinate 'ph'", "'phi'"]),
         (["simulate", SWINGING, "--rate", "ph=10deg"], ["no coordinate 'ph'", "'phi'"]),
         (["simulate", SWINGING, "--rate", "phi=1", "--rate", "phi=2"], ["--rate", "given twice"]),
+        (["simulate", SWINGING, "--step", ".1"], ["--step is for steps of fixed length", "not for 'dopri8'"]),
+        (["simulate", SWINGING, "--method", "rk4", "--rtol", "1e-3"], ["--rtol is for", "not for 'rk4'"]),
         (["simulate", SWINGING, "--method", "rk4", "--step", "1e-30"], ["step=1e-30", "at most 1000000000 fit"]),
     ],
 )

@@ -74,6 +74,11 @@ def lost():
         *((simulate(atol=x), f"atol= must be a number from 0 on, got {x!r}") for x in (-1, NAN)),
         (simulate(rtol=0, atol=0), "rtol= and atol= are both 0"),
         *(
+            (simulate(method="rk4", **{x: 1e-3}), f"{x}= is for steps that follow their errors (dopri8, kvaerno5), not")
+            for x in ("rtol", "atol", "first")
+        ),
+        (simulate(step=0.5), "step= is for steps of fixed length (rk4, generalised alpha), not for 'dopri8'"),
+        *(
             (simulate(most=x), f"most steps, must be {kind}, got {x!r}")
             for x, kind in ((0, "at least 1"), (-1, "at least 1"), (1.5, "a whole number"), (NAN, "a whole number"))
         ),

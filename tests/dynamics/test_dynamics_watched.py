@@ -33,14 +33,16 @@ def watching(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "more", [{}, {"event": low, "throw": False}, {"method": "rk4", "step": 0.01}], ids=["default", "event", "rk4"]
+    "more",
+    [{"rtol": 1e-10}, {"event": low, "throw": False}, {"method": "rk4", "step": 0.01}],
+    ids=["default", "event", "rk4"],
 )
 def test_a_watched_run_is_the_same_and_has_a_bar(more, watching, monkeypatch, capsys):
-    seen = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
+    seen = nc.simulate(pendulum(), T, rates={"phi": 0.3}, **more)
     shown = capsys.readouterr().err
     assert "pendulum" in shown and "times" in shown
     monkeypatch.setattr(progress, "is_watched", lambda: False)
-    alone = nc.simulate(pendulum(), T, rates={"phi": 0.3}, rtol=1e-10, **more)
+    alone = nc.simulate(pendulum(), T, rates={"phi": 0.3}, **more)
     assert capsys.readouterr().err == ""
     assert np.array_equal(seen.status, alone.status)
     assert ("event" in more) == bool(np.any(np.asarray(alone.status) == int(Status.STOPPED)))

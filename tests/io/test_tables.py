@@ -113,7 +113,8 @@ def test_csv_of_one_pose_of_a_batch_and_of_a_motion_in_time(system, swept, tmp_p
 def test_npz_there_and_back(swept, tmp_path):
     table = load_npz(swept.to_npz(tmp_path / "new" / "p.npz"))
     assert table.name == "four-bar" and table.driven == ("phi",)
-    assert table.names == ("A", "D", "B", "C", "P", "phi", "psi")
+    assert table.names == tuple(table) == ("A", "D", "B", "C", "P", "phi", "psi")
+    assert "phi" in table and "chi" not in table
     assert table.units["P"] == "m" and table.units["psi"] == "rad"
     np.testing.assert_array_equal(table["P"], swept["P"])
     np.testing.assert_array_equal(table.velocities["P"], swept.velocity("P"))

@@ -287,6 +287,12 @@ def changed(old: str, new: str) -> str:
         (changed('transmission name="t"><joint name="j1"', 'transmission name="t"><joint name="jj"'), ["'jj'"]),
         (changed('<parent link="one"/>', '<parent link="one"/><mimic joint="j2"/>'), ["mimic of joint 'j2'", "itself"]),
         (
+            changed('<child link="two"/>', '<child link="two"/><mimic joint="j3" multiplier="3"/>').replace(
+                '<child link="three"/>', '<child link="three"/><mimic joint="j2" offset="1"/>'
+            ),
+            ["mimic of joint 'j2'", "it follows itself, by 'j3'"],
+        ),
+        (
             changed('<link name="two"/>', '<link name="two"><inertial><mass value="-1"/></inertial></link>'),
             ["link 'two'", "value='-1'", "not be negative"],
         ),

@@ -89,11 +89,12 @@ def test_what_python_assigns_is_checked(widget, four_bar):
     widget.inputs = {"phi": 2.0}
     np.testing.assert_allclose(widget.values["C"], nc.solve_position(first, {"phi": 2.0})["C"], rtol=0, atol=1e-14)
     assert list(widget.values) == ["phi", "C"]
-    for wrong in ({"psi": 1.0}, {"phi": np.nan}, 3.0):
+    for wrong in ({"psi": 1.0}, {"phi": np.nan}, 3.0, None):
         with pytest.raises(nc.InputError, match="input"):
             widget.inputs = wrong
-    with pytest.raises(nc.InputError, match="needs a widget of its own"):
-        widget.system = nc.library.jansen_leg()
+    for other in (nc.library.jansen_leg(), None):
+        with pytest.raises(nc.InputError, match="needs a widget of its own"):
+            widget.system = other
     stuck = first.replace({"rocker.C-D": 0.02})  # no crank any more: B and D are 0.1 m apart at least
     widget.system = stuck
     with pytest.raises(nc.AssemblyError):

@@ -201,6 +201,19 @@ def test_holes_and_slots_say_their_pins_by_the_numbers_of_the_assembly():
     assert {k for part in made.parts for slot in part.slots for k in slot.pins} <= set(range(len(made.pins)))
 
 
+def test_points_at_one_place_share_a_hole_that_names_them():
+    m = nc.library.four_bar()
+    b, c = (np.asarray(m.compile()[name]) for name in "BC")
+    for name in ("E", "E2", "E3"):
+        m.point(name, (b + c) / 2)
+    m.body("plate", ["B", "C", "E", "E2", "E3"])
+    made = nc.sweep(m.compile(), {"phi": np.linspace(0.0, 2.0 * np.pi, 37)}).to_parts(width=20, pin=6, thickness=3)
+    (row,) = (row for row in made.rows() if "plate" in row[1])
+    assert sorted(row[9].split(", ")) == ["B", "C", "E + E2 + E3"]
+    (plate,) = (part for part in made.parts if "plate" in part.name)
+    assert sum(contour.kind == "hole" for contour in plate.contours(made.shop)) == 3
+
+
 def test_svg_is_in_millimetres_and_agrees_with_dxf(made):
     _, assembly, out = made("four-bar")
     for name, *_ in assembly.drawings():

@@ -70,23 +70,21 @@ const solver = (F, L) => {
     residual(q, c);
     let here = look(q, c, true, R), done = 0, part = min(1, {{TURN}} / turn, {{FIRST}} * L.length / input), least = {{SHORTEST}} * part;
     if (!here) return false;
-    while (done < 1) {
+    for (let left = {{STEPS}} / part; done < 1; left--) {
       part = min(part, 1 - done);
       const p = q.slice(), to = done + part > 1 - 1e-12 ? 1 : done + part, speed = along(here.T, way);
       L.driven.forEach((k, i) => { p[k] = to === 1 ? target[i] : from[i] + way[i] * to; });
       each((u, j) => { p[u] += part * speed[j] / L.weights[j]; });
       const expected = part * length(speed), moved = correct(p, c, 8);
-      let there = null;
-      if (moved <= {{SHARP}} * expected + close && upright(p, c)) there = look(p, c, true, R);
+      let there = moved <= {{SHARP}} * expected + close && upright(p, c) && look(p, c, true, R);
       if (there) {
         const after = along(there.T, way), bend = part * length(after.map((x, j) => x - speed[j]));
-        const short = expected <= {{CROSSING}} * L.length;
-        if (bend > {{SHARP}} * (expected + part * length(after)) + close) there = null;
-        else if (n === m && there.sign !== here.sign && !short) there = null;
+        const folded = n === m && there.sign !== here.sign && expected > {{CROSSING}} * L.length;
+        if (folded || bend > {{SHARP}} * (expected + part * length(after)) + close) there = null;
       }
       if (there) { q.set(p); here = there; done = to; part *= 2; } else part /= 2;
       // Beside a dead point the first steps away from it are shorter still.
-      if (!there && part < least * (done ? 1 : 1e-4)) return false;
+      if (left < 0 || !there && part < least * (done ? 1 : 1e-4)) return false;
     }
     return true;
   };

@@ -530,9 +530,12 @@ def _class() -> type:
     except ImportError:
         raise JaxncError('nc.widget needs anywidget: pip install "jaxnc[widget]" (or pip install anywidget)') from None
 
+    class Given(traitlets.Any):
+        allow_none = False  # or None would be taken unchecked
+
     class Dragged(Widget, anywidget.AnyWidget):
-        system = traitlets.Any()  # pyright: ignore[reportAssignmentType]
-        inputs = traitlets.Any()  # pyright: ignore[reportAssignmentType]
+        system = Given()  # pyright: ignore[reportAssignmentType]
+        inputs = Given()  # pyright: ignore[reportAssignmentType]
         target = traitlets.Any(None, allow_none=True)
         _now = traitlets.Dict().tag(sync=True)  # pyright: ignore[reportAssignmentType]
         _pull = traitlets.Dict().tag(sync=True)
