@@ -1,5 +1,6 @@
 """Systems with 32-bit numbers against the same with 64-bit ones."""
 
+import dataclasses
 import subprocess
 import sys
 import textwrap
@@ -149,8 +150,8 @@ def test_redundant_rows_may_contradict_each_other_by_rounding(make):
         assert not motion.failures
         if make is nc.library.parallelogram:
             phi = np.asarray(motion["phi"])
-            circle = 0.1 * np.stack([np.cos(phi), np.sin(phi)], axis=1)
-            np.testing.assert_allclose(motion["C"], circle + [0.3, 0.0], atol=0.3 * DIGITS)
+            corner = np.stack([0.3 + 0.1 * np.cos(phi), 0.1 * np.sin(phi)], axis=1)
+            np.testing.assert_allclose(motion["C"], corner, atol=0.3 * DIGITS)
 
 
 def test_rounding_splits_no_solution_that_is_not_isolated():
@@ -158,7 +159,9 @@ def test_rounding_splits_no_solution_that_is_not_isolated():
     narrow = nc.library.peaucellier_lipkin().compile(dtype="float32")
     found = nc.modes(narrow, {"phi": 0.7})
     assert (len(found), found.singular) == (4, 4) and all(c.exact for c in found.certificates)
-    assert "within" in str(found).splitlines()[-1]
+    doubtful = [dataclasses.replace(c, exact=False) for c in found.certificates]
+    lines = str(dataclasses.replace(found, certificates=tuple(doubtful))).splitlines()
+    assert lines[-1].startswith("  3: not certified, conditioning")
     assert len(nc.circuits(narrow, {"phi": np.linspace(0.5, 1.0, 4)})) == 4
 
 
