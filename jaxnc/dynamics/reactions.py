@@ -488,8 +488,8 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
         if not all(vector_tree(top, i)[1] for i in group.items if i < 0)
     }
     # So is a pull between two fixed points of a body: no row is written for their distance.
-    still = np.reshape(top.fixed[: len(top.points) * top.dim], (-1, top.dim)).all(axis=1)
-    strained = {p for body in top.bodies for p in body.points if still[p] and still[list(body.points)].sum() > 1}
+    still = {p for p in range(len(top.points)) if all(top.fixed[p * top.dim : (p + 1) * top.dim])}
+    strained = {p for body in top.bodies if len(ends := still.intersection(body.points)) > 1 for p in ends}
     for b, body in enumerate(top.bodies):
         for p in body.points:
             passing = ledger.through(b, p)

@@ -353,8 +353,8 @@ def _relate(states: Mapping[str, BodyState], body: str, relative_to: str) -> Bod
     if relative_to == GROUND:
         return states[body]
     other = states[relative_to]
-    still = BodyState(other.place, *(None if x is None else 0.0 * x for x in other[1:-1]), other.size)
-    return seen_from(still if body == GROUND else states[body], other)
+    ground = jax.tree.map(lambda x: 0.0 * x, other)._replace(place=other.place, size=other.size)
+    return seen_from(ground if body == GROUND else states[body], other)
 
 
 @public
