@@ -78,6 +78,7 @@ _ALIASES = {
     "at": "center centre position pos xy x",
     "to": "end",
     "inputs": "q",
+    "hold": "inputs",
     "t": "time times ts duration",
     "unit": "degrees deg",
     "rates": "speed velocities",
@@ -97,7 +98,12 @@ _CALLED = {
     "q": "positions",
     "t": "time",
 }
-_ELSEWHERE = {"redundancy": "an argument of sweep(system, …, redundancy='independent rows') alone"}
+# By argument, or by function and argument.
+_ELSEWHERE = {
+    "redundancy": "an argument of sweep(system, …, redundancy='independent rows') alone",
+    "simulate hold": "an input that does not change in time: inputs={'phi': lambda t: 0.7}",
+    "linearise hold": "of poses and equilibria: what a vibration locks is welded, mechanism.weld(name, body, other)",
+}
 
 
 def public(thing: _Thing) -> _Thing:
@@ -196,7 +202,7 @@ def _unbound(parameters, bound: int, args: tuple, options: dict, f: Callable) ->
     names = [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
     for name in options:
         if name not in names:
-            return f"takes no {name}=; {_guess_argument(name, names, args[bound:])}"
+            return f"takes no {name}=; {_guess_argument(f.__name__, name, names, args[bound:])}"
     placed = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     for p, value in zip(placed, args[bound:], strict=False):
         if p.name in options:
@@ -211,13 +217,14 @@ def _unbound(parameters, bound: int, args: tuple, options: dict, f: Callable) ->
     return "lacks " + ", ".join(f"{p.name} ({told[p.name]})" if p.name in told else p.name for p in lacking)
 
 
-def _guess_argument(name: str, names: list[str], args: tuple) -> str:
-    """Guess which argument is meant by a name that is none."""
+def _guess_argument(function: str, name: str, names: list[str], args: tuple) -> str:
+    """Guess which argument of a function is meant by a name that is none."""
     by_name = [x for x in ("inputs", "state") if x in names]
     if by_name and any(name in getattr(getattr(x, "topology", None), "scalars", ()) for x in args):
         return f"values go by name in one mapping, {by_name[0]}={{{name!r}: …}}"
-    if name in _ELSEWHERE:
-        return f"{name}= is {_ELSEWHERE[name]}"
+    for key in (f"{function} {name}", name):
+        if key in _ELSEWHERE:
+            return f"{name}= is {_ELSEWHERE[key]}"
     meant = [own for own, others in _ALIASES.items() if name.lower() in others.split() and own in names]
     return f"did you mean {meant[0]!r}?" if meant else nearest(name, names)
 

@@ -151,15 +151,18 @@ def test_errors_of_a_function_itself_pass_through():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("function", "given", "said"),
     [
-        ({"redundancy": "independent rows"}, r"redundancy= .*sweep\(system"),
-        ({"spars": True}, "no spars=; did you mean 'sparse'"),
+        (IDEA.compile, {"redundancy": "independent rows"}, r"redundancy= .*sweep\(system"),
+        (IDEA.compile, {"spars": True}, "no spars=; did you mean 'sparse'"),
+        (nc.simulate, {"hold": ["phi"]}, r"hold= is .*inputs=\{'phi': lambda t: 0\.7\}"),
+        (nc.linearise, {"hold": ["phi"]}, r"hold= is of poses and equilibria: .*mechanism\.weld\("),
+        (nc.equilibrium, {"inputs": {"phi": 0.7}}, "no inputs=; did you mean 'hold'"),
     ],
 )
-def test_arguments_that_compile_does_not_take_are_named(given, said):
+def test_arguments_that_a_function_does_not_take_are_named(function, given, said):
     with pytest.raises(nc.CallError, match=said):
-        IDEA.compile(**given)
+        function(**given)
 
 
 _LISTS = {

@@ -28,7 +28,7 @@ from jaxnc.errors import InputError
 from jaxnc.internals import outermost
 from jaxnc.kinematics.inputs import outside
 from jaxnc.kinematics.motion import Motion
-from jaxnc.system.equations import coefficients, slips
+from jaxnc.system.equations import slips
 from jaxnc.system.frames import spread
 from jaxnc.system.precision import as_its_system
 from jaxnc.system.system import System
@@ -205,14 +205,19 @@ class EnergyBalance:
 
     @property
     def relative(self) -> float:
-        """Largest error as a part of what was exchanged; 0 where nothing was."""
-        return self.largest / self.exchanged if self.exchanged > 0 else 0.0
+        """Largest error as a part of what was exchanged, or of the kinetic energy where that is more."""
+        return self.largest / self._whole if self._whole > 0 else 0.0
+
+    @property
+    def _whole(self) -> float:
+        return max(self.exchanged, _largest_magnitude(self.kinetic))
 
     @property
     def sentence(self) -> str:
         """The balance in a line of words."""
         unit, most = self.unit, f"{self.largest:.2g} {self.unit}"
-        part = f", {self.relative:.1g} of the {self.exchanged:.3g} {unit} exchanged" if self.exchanged > 0 else ""
+        kind = "exchanged" if self._whole == self.exchanged else "of kinetic energy"
+        part = f", {self.relative:.1g} of the {self._whole:.3g} {unit} {kind}" if self._whole > 0 else ""
         if self.relative > 1e-6 and not self.doubt < 0.3 * self.largest:
             return f"known to {most} only{part}: keep more than {len(self.time)} times to sum work over"
         return f"off by at most {most}{part}"
@@ -332,8 +337,7 @@ def _powers(dyn: Dynamics, at: tuple[int, ...], t: Array, q: Array, v: Array, a:
         if at:
             driving = open_forces(dyn, t, q, v, a, lam)[np.array(at)] @ v[np.array(at)]
         if top.rates:
-            target = coefficients(top, dyn.rates, q) @ v - slips(top, dyn.rates, q, v)
-            driving = driving - lam[len(top.rows) :] @ target
+            driving = driving + lam[len(top.rows) :] @ slips(top, dyn.rates, q, jnp.zeros_like(v))  # of rows that drive
         if has_friction(dyn):
             rubbing = friction_forces(dyn, q, v, a, lam, t) @ v
         return jnp.stack([driving, *(_power(dyn, t, q, v, part) for part in ("force", "dissipation")), rubbing])

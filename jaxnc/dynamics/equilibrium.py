@@ -271,7 +271,7 @@ def _approach_held(flow: Flow, q: Array) -> tuple[Array, Array]:
     known, eq, asked = flow.view.known, flow.dyn.eq, flow.drive_values(jnp.zeros(()))[0]
 
     def meets(q: Array) -> Array:
-        return largest(residual(eq, q)[flow.view.rows]) <= 10 * limits(q).accept * eq.length
+        return largest(residual(eq, q)[flow.view.rows]) <= 10 * limits(q, eq.rounded).accept * eq.length
 
     # 20 corrections of a start, which may be far off. A pose of another design may hold what this one cannot.
     starts = jnp.stack([q, q.at[known].set(asked)])
@@ -365,7 +365,7 @@ def _find(flow: Flow, q: Array, downhill: bool):
     spread = _largest_stiffness(k, f, length)
     # Where no row bears them the forces themselves are zero: then what rounding of the places makes of the stiffness.
     rounding = jnp.maximum(least.balance * jnp.maximum(largest(f), least.tiny), least.rounding * largest(k) * length)
-    found = (left <= rounding) & (gap <= 10 * limits(gap).accept * length) & _is_upright(flow, q)
+    found = (left <= rounding) & (gap <= 10 * limits(gap, flow.dyn.eq.rounded).accept * length) & _is_upright(flow, q)
     lost = jnp.where(stopped, int(Status.DID_NOT_ASSEMBLE), int(Status.TOO_FAR))
     status = jnp.where(reached, jnp.where(found, 0, lost), int(Status.NOT_REACHED))
     values, _ = _admissible_stiffness(k / spread, p)

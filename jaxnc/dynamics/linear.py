@@ -249,7 +249,9 @@ def linearise(
     check_loads(system, "linearise()", moves=True)
     top = system.topology
     state, known_rates = check_start(system, state.motion if isinstance(state, Equilibrium) else state, rates, unit)
-    flow, q, v = _steady(system, assemble_pose(system, state), known_rates)
+    begin = assemble_pose(system, state)
+    flow, q, v = _steady(system, begin, known_rates)
+    _refuse_no_inertia(flow, lift(top, begin), q)
     names, known = _name_coordinates(system, flow, q, v, coordinates)
     for name in inputs:
         if name not in top.position:
@@ -268,9 +270,7 @@ def linearise(
             f"{top.name!r}: the rest does not follow from {', '.join(names)} at this state, which is singular "
             f"for them; give other coordinates="
         )
-    numbers = values_behind((flow, q, a))
-    if numbers is not None and not np.isfinite(numbers[2]).all():
-        check_begin(*numbers[:2])
+    _refuse_no_inertia(flow, q, a)
     asked, good, time = on_device([np.zeros(0, q.dtype), np.zeros((), int), np.zeros((), q.dtype)])
     moves = lower(top, v), lower(top, acceleration)
     pose = Motion(system, (), (), lower(top, q), moves, asked, good, None, None, time)
@@ -286,6 +286,13 @@ def _steady(system: System, given: Array, rates: Rates) -> tuple[Flow, Array, Ar
     flow = Flow.of(dynamics(extended(system)), system.degrees_of_freedom)
     q = flow.project_position(lift(system.topology, given), 2)
     return flow, q, start_rates(system.topology, flow, q, rates)
+
+
+def _refuse_no_inertia(flow: Flow, q: Array, found: Array) -> None:
+    """Refuse a motion that has no inertia at a pose, where numbers found from it are not finite."""
+    known = values_behind((flow, q, found))
+    if known is not None and not np.isfinite(known[2]).all():
+        check_begin(*known[:2])
 
 
 class _Directions(NamedTuple):

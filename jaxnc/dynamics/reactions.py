@@ -472,7 +472,7 @@ def open_forces(
 def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> dict[str, tuple[np.ndarray, bool]]:
     """Return what multipliers ``(k, rows)`` alone put on joints, supports and inputs, named as by `unique`.
 
-    Beside each stands whether a couple is open there all the same.
+    Beside each stands whether something is open there all the same.
     """
     top, count = dyn.topology, len(stress) + 1
     rest = jnp.zeros((count, len(q)))
@@ -487,6 +487,9 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
         for group in shared_groups(top, b)
         if not all(vector_tree(top, i)[1] for i in group.items if i < 0)
     }
+    # So is a pull between two fixed points of a body: no row is written for their distance.
+    still = {p for p in range(len(top.points)) if all(top.fixed[p * top.dim : (p + 1) * top.dim])}
+    strained = {p for body in top.bodies if len(ends := still.intersection(body.points)) > 1 for p in ends}
     for b, body in enumerate(top.bodies):
         for p in body.points:
             passing = ledger.through(b, p)
@@ -495,7 +498,8 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
             force, moment = ledger.wrenches[b][passing[0]]
             moment = moment - cross(ledger.points[:, p], force)
             wrench = np.concatenate([force, moment.reshape(count, -1)], axis=1)
-            out.append((None, f"{top.points[p]} on {body.name}", wrench[:-1] - wrench[-1], passing[0] in shaken))
+            loose = passing[0] in shaken or p in strained
+            out.append((None, f"{top.points[p]} on {body.name}", wrench[:-1] - wrench[-1], loose))
     for j, joint in enumerate(top.joints):
         at = joint_rows(top, j)
         if len(at):
@@ -511,7 +515,7 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
     for p in range(len(top.points)):
         fixed = [c for c in range(p * top.dim, (p + 1) * top.dim) if top.fixed[c]]
         if fixed and any(p in b.points for b in top.bodies):
-            out.append((Owner(Thing.POINT, p), "", whole[:, fixed], False))
+            out.append((Owner(Thing.POINT, p), "", whole[:, fixed], p in strained))
     first = len(top.coordinates) - len(top.scalars)
     for c in map(int, view.known):
         owner = Owner(Thing.COORDINATE, c - first) if c >= first else None

@@ -578,7 +578,7 @@ def join_parameters(parameters: Parameters, found: Numbers, own: PyTree) -> tupl
         end = start + int(np.prod(shape, dtype=int))
         parts.append(found[start:end].reshape(shape))
         start = end
-    return Parameters(*parts, own=own), found[start:]
+    return Parameters(*parts, own=own, rounded=parameters.rounded), found[start:]
 
 
 _WHOLE = ("violation", "correction", "steps", "end")

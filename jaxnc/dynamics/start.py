@@ -15,7 +15,7 @@ from jaxnc.errors import AssemblyError, InputError, counted, nearest
 from jaxnc.kinematics.inputs import array, doubt_degrees, finite, finite_array, in_radians, worst_rows
 from jaxnc.kinematics.motion import Motion
 from jaxnc.kinematics.position import solve_position, start_of
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, rank_of, to_host
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, rank_of, to_host
 from jaxnc.solvers.newton import attach_start
 from jaxnc.solvers.saddle import saddle
 from jaxnc.status import Status
@@ -122,7 +122,7 @@ def _check_assembled(system: System, q: Array, state: PyTree) -> None:
     """Refuse a start at which the mechanism does not assemble."""
     eq = derive(system)
     gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
-    if not gap <= limits(eq.length).close * float(eq.length):
+    if not meets(eq, q, gap):
         what = "the drawing" if state is None else "the start"
         raise AssemblyError(f"{system.name!r}: {what} does not assemble: {worst_rows(system, eq, np.asarray(q))}.")
 

@@ -21,7 +21,7 @@ from jaxnc.solvers.pose_batch import PoseBatch
 from jaxnc.status import Status
 from jaxnc.system.equations import Equations
 from jaxnc.system.host import HostEquations, from_jax
-from jaxnc.system.precision import farthest
+from jaxnc.system.precision import farthest, limits
 from jaxnc.system.system import System
 from jaxnc.types import Numbers
 
@@ -327,7 +327,7 @@ def _judge_on_host(view: Plan, eq: HostEquations, start: np.ndarray) -> int:
     status = status if assembled else int(Status.DID_NOT_ASSEMBLE)
     if any(block.kind.mirror for block in view.topology.blocks) and inner.eq.guards(begin)[1][0]:
         status = int(Status.MIRRORED)
-    return int(Status.LEFT_CLASS) if inner.eq.misfit > inner.least.misfit else status
+    return int(Status.LEFT_CLASS) if inner.eq.misfit > limits(eq.home, eq.rounded).misfit else status
 
 
 def never_moves(system: System, view: Plan, eq: Equations) -> bool:
@@ -420,7 +420,7 @@ def _status(
         if start is not None:
             mirrored |= view.eq.guards(start)[1][which]
         status = np.where(mirrored, int(Status.MIRRORED), status)
-    left = np.asarray(view.eq.misfit > view.least.misfit)
+    left = np.asarray(view.eq.misfit > limits(view.eq.home, view.eq.rounded).misfit)
     status = np.where(left[which] if left.ndim else left, int(Status.LEFT_CLASS), status)
     return status.astype(np.int32)
 

@@ -4,6 +4,8 @@ A body is seen from the ground or from another body. All is a function of positi
 lies at infinity, or is not defined because nothing moves, is said by flags, and every number is finite.
 """
 
+import itertools
+from collections.abc import Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -341,9 +343,18 @@ def _require_plane(motion: "Motion", what: str, instead: str) -> None:
 
 
 def relative_state(motion: "Motion", body: str, relative_to: str) -> BodyState:
-    """`state_of` a body as it is seen from the ground or another body."""
-    state = state_of(motion, body)
-    return state if relative_to == GROUND else seen_from(state, state_of(motion, relative_to))
+    """`state_of` a body, or of the ground, as it is seen from the ground or another body."""
+    names = {body, relative_to} - {GROUND} or {body}
+    return _relate({name: state_of(motion, name) for name in names}, body, relative_to)
+
+
+def _relate(states: Mapping[str, BodyState], body: str, relative_to: str) -> BodyState:
+    """Relate the states of two bodies, one of which may be the ground, that they have as seen from the ground."""
+    if relative_to == GROUND:
+        return states[body]
+    other = states[relative_to]
+    ground = jax.tree.map(lambda x: 0.0 * x, other)._replace(place=other.place, size=other.size)
+    return seen_from(ground if body == GROUND else states[body], other)
 
 
 @public
@@ -370,26 +381,22 @@ def instant_motion(motion: "Motion", body: str, relative_to: str = GROUND) -> In
 
 @public
 def instant_centres(motion: "Motion") -> dict[tuple[str, str], InstantMotion]:
-    """The instant centres of every pair of bodies, and of every body and the ground.
+    """The instant centres of every pair of bodies, and of every body and the ground, in either order.
 
     Args:
         motion: a motion with rates, of a planar mechanism.
 
     Returns:
-        `instant_motion` of each pair by the two names, the second may be ``"ground"``. Centres of three bodies lie on
-        one line (Kennedy, Aronhold), pairs at rest relative to each other have none.
+        `instant_motion` of the first over the second, by the two names, one of which may be ``"ground"``. Centres of
+        three bodies lie on one line (Kennedy, Aronhold), pairs at rest relative to each other have none.
 
     Raises:
         InputError: a spatial mechanism, or a motion without rates.
     """
     _require_plane(motion, "instant_centres()", "motion.screw_axis()")
-    names = [b.name for b in motion.system.topology.bodies]
-    states = {name: state_of(motion, name) for name in names}
-    found: dict[tuple[str, str], InstantMotion] = {(name, GROUND): instant_of(states[name]) for name in names}
-    for k, other in enumerate(names):
-        for name in names[k + 1 :]:
-            found[name, other] = instant_of(seen_from(states[name], states[other]))
-    return as_jax(found)
+    states = {b.name: state_of(motion, b.name) for b in motion.system.topology.bodies}
+    pairs = itertools.permutations((GROUND, *states), 2)
+    return as_jax({pair: instant_of(_relate(states, *pair)) for pair in pairs})
 
 
 @public
@@ -398,7 +405,7 @@ def instant_centre(motion: "Motion", body: str, relative_to: str = GROUND) -> Ar
 
     Args:
         motion: a motion with rates.
-        body: name of the body.
+        body: name of the body, or ``"ground"``.
         relative_to: name of the other body, or ``"ground"``.
 
     Returns:

@@ -178,8 +178,8 @@ class Modes(Reported):
         head = f"{system.topology.name}{f' at {at}' if at else ''}: {counted(len(self), 'assembly', 'assemblies')}"
         lines = [head, *(f"  {line}." for line in self.statement.rstrip(".").split(". "))]
         for k, c in enumerate(self.certificates):
-            proof = f"within {c.radius:.1g}, alone within {c.alone:.1g}" if c.exact else "not certified"
-            lines.append(f"  {k}: {proof} {system.topology.length_unit}, conditioning {c.conditioning:.1g}")
+            proof = f"within {c.radius:.1g}, alone within {c.alone:.1g} {system.topology.length_unit}"
+            lines.append(f"  {k}: {proof if c.exact else 'not certified'}, conditioning {c.conditioning:.1g}")
         return "\n".join(lines)
 
     def draw(self, path: object = None, **options: Any):
@@ -278,19 +278,22 @@ class Ends:
         return self.at_infinity + self.singular + self.lost
 
 
-def solve_all(family: Family, design: Member, seed: int = 0) -> Ends:
-    """All solutions of one design, by paths from the family's generic member; what is lost goes other ways."""
+def solve_all(family: Family, design: Member, isolated: float, seed: int = 0) -> Ends:
+    """All solutions of one design, by paths from the family's generic member; what is lost goes other ways.
+
+    Where the reciprocal condition number is no larger than `isolated`, a solution is singular.
+    """
     reduction, begin, end = family.reduction(design)
-    found = _follow_all(family, reduction, begin, end, seed)
+    found = _follow_all(family, reduction, begin, end, isolated, seed)
     if found.missing and reduction.leads_out:
         # An end at infinity, or a lost one, says something only of a path that stays in the family.
-        other = _follow_all(family, *family.reduction(design, strict=True), seed)
+        other = _follow_all(family, *family.reduction(design, strict=True), isolated, seed)
         if (-other.count, other.lost) <= (-found.count, found.lost):
             return other
     return found
 
 
-def _follow_all(family: Family, reduction: Reduction, begin: Placed, end: Placed, seed: int) -> Ends:
+def _follow_all(family: Family, reduction: Reduction, begin: Placed, end: Placed, isolated: float, seed: int) -> Ends:
     """Ends of all paths in one elimination, those that have not arrived by several routes."""
     start = reduction.shorten(family.starts.x)
     t = np.tensordot(reduction.mix, end.restricted[0], 1).real
@@ -311,8 +314,7 @@ def _follow_all(family: Family, reduction: Reduction, begin: Placed, end: Placed
         balls = certify(t, w)
         # Unknowns are of size one: an end far beyond is at infinity.
         there = (np.abs(w).max(axis=0) > 1e4) & ~balls.proved
-        # Where the reciprocal condition number is less, a solution is not regular.
-        unclear = ~there & ~balls.proved & (balls.condition <= 1e-12)
+        unclear = ~there & (balls.condition <= isolated)
         far, singular = far + int(there.sum()), singular + int(unclear.sum())
         found.append(w[:, ~there & ~unclear])
         every = np.concatenate(found, axis=1)
@@ -436,7 +438,7 @@ class Targets:
             balls = certify(np.repeat(t, each, axis=0), w)
             for j, value in enumerate(which):
                 own = np.arange(j * each, (j + 1) * each)
-                good = own[arrived[own] & balls.proved[own]]
+                good = own[arrived[own] & balls.proved[own] & (balls.condition[own] > self.designs[0].isolated)]
                 new = good[is_new(np.zeros((n, 0)), w[:, good])]
                 if len(new) + int(far[own].sum()) == len(self.family.starts):
                     out[int(value)] = self._judge(int(value), w[:, new], certify(t[j], w[:, new]), some.maps[j], False)
@@ -444,7 +446,7 @@ class Targets:
 
     def _follow_far(self, value: int) -> Place:
         """The assemblies at a value, by all ways from the family's generic member."""
-        ends = solve_all(self.family, self.member.each(lambda v: v[..., [value]]), self.seed)
+        ends = solve_all(self.family, self.member.each(lambda v: v[..., [value]]), self.designs[0].isolated, self.seed)
         found = self._judge(value, ends.w, ends.balls, ends.maps, bool(ends.lost + ends.singular))
         every = (ends.maps @ np.concatenate([np.ones((1, found.w.shape[1])), found.w]))[1:]
         return dataclasses.replace(found, w=np.real(self.reduction.shorten(every)))
@@ -627,7 +629,7 @@ def modes(
     order = tuple(system.topology.position[n] for n in inputs)
     design, family = prepare(system, order, tuple(map(int, view.held)), seed, most, prove)
     member, x = design.at(values[:, None], order)
-    found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, seed))
+    found = _report(system, view, design, family, x[:, 0], values, solve_all(family, member, design.isolated, seed))
     key = hash((design.x.tobytes(), *(c.tobytes() for c in design.constants)))
     # Once for a design; of dyads, whose pose takes no time, at all its inputs.
     if key in family.checked and not (writes_out(view) and kernel(view).by_formulas):
@@ -644,7 +646,7 @@ def modes(
         own = solve_position(system, dict(zip(inputs, at, strict=True)), hold=hold, unit="rad", throw=False)
         if not int(own.status):
             member, x = design.at(at[:, None], order)
-            here = _report(system, view, design, family, x[:, 0], at, solve_all(family, member, seed))
+            here = _report(system, view, design, family, x[:, 0], at, solve_all(family, member, design.isolated, seed))
     if not int(own.status) and not _has(here, own, design):
         return dataclasses.replace(found, lost=found.lost + 1)
     family.checked.add(key)

@@ -25,6 +25,7 @@ from jaxnc.solvers.assembly import derive, settle, to_host
 from jaxnc.system.equations import pure_numbers
 from jaxnc.system.host import HostEquations
 from jaxnc.system.identity import Owner
+from jaxnc.system.precision import limits
 from jaxnc.system.structure import formula, is_own, program, size
 from jaxnc.system.system import System
 from jaxnc.system.topology import Topology
@@ -598,6 +599,11 @@ class Design:
     x: np.ndarray  # the assembled drawing, (N,)
     constants: tuple[np.ndarray, ...]  # per block (instances, constants, 1)
     owners: tuple[tuple[tuple[Owner, ...], ...], ...] = ()  # per block and instance, what it belongs to
+
+    @property
+    def isolated(self) -> float:
+        """Reciprocal condition number below which a solution counts as singular."""
+        return limits(self.host.home, self.host.rounded).isolated
 
     @property
     def pose(self) -> np.ndarray:

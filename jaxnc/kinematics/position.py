@@ -35,7 +35,7 @@ from jaxnc.kinematics.motion import Columns, Motion, coordinates_of, motion_of
 from jaxnc.kinematics.spread import Devices, choose, solve_on
 from jaxnc.records import with_owner
 from jaxnc.solvers import host
-from jaxnc.solvers.assembly import derive, evaluate, free_plan, settle, to_host
+from jaxnc.solvers.assembly import derive, evaluate, free_plan, meets, settle, to_host
 from jaxnc.solvers.host import view_of
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.pose_batch import PoseBatch
@@ -465,8 +465,7 @@ def _raise_failure(view: Plan, eq: Equations, motion: Motion, start: bool) -> No
         ends = {name: q[i] for name, i in zip(motion.driven, view.known, strict=False)}
         got = motion.system.topology.write_values(ends)
         gap = float(np.abs(evaluate(eq, jnp.asarray(q))[0]).max(initial=0.0))
-        assembled = gap <= limits(eq.length).close * float(eq.length)
-        if assembled:
+        if meets(eq, q, gap):
             text += f" Along the branch of the drawing it can be moved as far as {got}.{meeting_ends(motion.system, q)}"
         else:
             worst = worst_rows(motion.system, eq, q)
@@ -681,7 +680,7 @@ def _complete_on_host(
         start[points] += np.tile(moved.T, len(q)) * inner.length / weight[points]
         local = with_measures(host.closest(beside, with_measures(start), _ITERATIONS).q)
         found = host.closest(whole, np.where(inner.guards(local)[0], local, start), _ITERATIONS)
-        good = inner.guards(found.q)[0] & (found.gap <= limits(flat).close * inner.length)
+        good = inner.guards(found.q)[0] & (found.gap <= limits(flat, inner.rounded).close * inner.length)
         away = (weight * (found.q - x) / inner.length) ** 2
         score = np.sum(away[missing.nearly], axis=0) + _FROM_DRAWING * np.sum(away[points], axis=0)
         score = np.where(good & np.isfinite(score), score, np.inf).reshape(len(q), len(moved))
@@ -732,7 +731,7 @@ def _complete_by_xla(
         start = with_measures(x.at[points].add(off * eq.length / weight[points]))
         local = with_measures(closest_pose(beside, eq, start, _ITERATIONS).q)
         found = closest_pose(whole, eq, jnp.where(upright(local), local, start), _ITERATIONS)
-        good = upright(found.q) & (found.gap <= limits(x).close * eq.length)
+        good = upright(found.q) & (found.gap <= limits(x, eq.rounded).close * eq.length)
         away = (weight * (found.q - x) / eq.length) ** 2
         score = jnp.sum(away[nearly]) + _FROM_DRAWING * jnp.sum(away[points])
         return found.q, jnp.where(good & jnp.isfinite(score), score, jnp.inf), local

@@ -128,7 +128,7 @@ def _near_guess(view: Plan, eq: Equations, start: Array, known: Array) -> PoseBa
     status = jnp.where(fits & jnp.all(rows > 0.0) & ~mirrored, status, int(Status.DID_NOT_ASSEMBLE))
     if any(block.kind.mirror for block in view.topology.blocks):
         status = jnp.where((status != 0) & fits & mirrored, int(Status.MIRRORED), status)
-    status = jnp.where(eq.misfit > limits(q).misfit, int(Status.LEFT_CLASS), status)
+    status = jnp.where(eq.misfit > limits(q, eq.rounded).misfit, int(Status.LEFT_CLASS), status)
     return PoseBatch(q, size, pivots, status=status)
 
 
@@ -385,7 +385,7 @@ def _judge_start(plan: Plan, eq: Equations, q: Array) -> Array:
     status = jnp.where(assembled, 0, int(Status.DID_NOT_ASSEMBLE))
     if any(block.kind.mirror for block in plan.topology.blocks):
         status = jnp.where(jnp.all(guards(eq, q)[1] > 0.0), status, int(Status.MIRRORED))
-    return jnp.where(eq.misfit <= limits(q).misfit, status, int(Status.LEFT_CLASS)).astype(np.int32)
+    return jnp.where(eq.misfit <= limits(q, eq.rounded).misfit, status, int(Status.LEFT_CLASS)).astype(np.int32)
 
 
 def _whole_turns(plan: Plan, q: Array, values: Array) -> Array:

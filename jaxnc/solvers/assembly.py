@@ -96,7 +96,7 @@ def _evaluate_traced(eq: Equations, q: Coordinates) -> tuple[Array, Array]:
 
 def meets(eq: Equations, q: Coordinates | np.ndarray, gap: float) -> bool:
     """Say whether a pose of a drawing whose largest residual is `gap` counts as assembled; on the host."""
-    inner, least = to_host(eq), limits(eq.length)
+    inner, least = to_host(eq), limits(eq.length, eq.rounded)
     largest = np.max(inner.weights * np.abs(np.asarray(q)), initial=0.0)
     return gap <= 1e3 * (least.accept * inner.length + least.rounding * float(largest))
 

@@ -453,7 +453,7 @@ def on_branch(
 
 def lane_tolerance(eq: Equations, x: Sequence[Array]) -> Array:
     """Largest residual of a pose that counts as a solution, lane by lane; as `newton.tolerance`."""
-    least, largest = limits(eq.length), jnp.zeros(())
+    least, largest = limits(eq.length, eq.rounded), jnp.zeros(())
     for v, pure in zip(x, pure_numbers(eq.topology), strict=True):
         largest = jnp.maximum(largest, eq.length * jnp.abs(v) if pure else jnp.abs(v))
     return least.accept * eq.length + least.rounding * largest

@@ -35,7 +35,7 @@ def largest(r: Array) -> Array:
 
 def tolerance(eq: Equations, q: Coordinates) -> Array:
     """Largest residual of a pose that counts as a solution."""
-    least = limits(eq.length)
+    least = limits(eq.length, eq.rounded)
     return lax.stop_gradient(least.accept * eq.length + least.rounding * largest(weights(eq) * q))
 
 

@@ -47,6 +47,7 @@ class Equations:
         markers: per marker, its coefficients on its body's segments, ``(markers, dim)``.
         misfit: how far the drawing has left the class that its kinds were chosen for (points in line, segments in one
             plane), relative; zero where it fits.
+        rounded: as of `Parameters`.
     """
 
     topology: Topology = static()
@@ -58,6 +59,7 @@ class Equations:
     quadratic: tuple[Array | None, ...]
     markers: Array
     misfit: Array
+    rounded: bool = static(default=False)
 
 
 def equations(system: System, differentiate_scales: bool = False) -> Equations:
@@ -84,7 +86,7 @@ def equations(system: System, differentiate_scales: bool = False) -> Equations:
     linear, second = (tuple(both[order] for both in scaled) for order in range(2))
     home, markers = x[found.home], x[found.markers]
     misfit = stop((np if host else jnp).nanmax(x[found.misfit]))
-    return Equations(top, home, length, constants, tuple(scales), linear, second, markers, misfit)
+    return Equations(top, home, length, constants, tuple(scales), linear, second, markers, misfit, par.rounded)
 
 
 def renumbered(eq: Equations, constants: Sequence[Numbers], scales: Sequence[Numbers]) -> Equations:

@@ -37,6 +37,7 @@ class HostEquations:
     scales: tuple[np.ndarray, ...]
     markers: np.ndarray
     misfit: Any
+    rounded: bool = False
 
     @property
     def dtype(self) -> np.dtype:
@@ -201,7 +202,7 @@ def from_jax(eq: "Equations") -> HostEquations:
 def _each(eq: "Equations | HostEquations", of: Callable) -> HostEquations:
     """Make equations of numbers, each from that of others and how many axes it has of one design."""
     constants, scales = (tuple(of(x, 2) for x in y) for y in (eq.constants, eq.scales))
-    rest = of(eq.markers, 2), of(eq.misfit, 0)
+    rest = of(eq.markers, 2), of(eq.misfit, 0), eq.rounded
     return HostEquations(eq.topology, of(eq.home, 1), of(eq.length, 0), constants, scales, *rest)
 
 

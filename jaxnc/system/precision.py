@@ -5,6 +5,7 @@ force, and so are rules of JAX's transformations, which may be called later.
 """
 
 import contextlib
+import dataclasses
 import functools
 import inspect
 import math
@@ -19,7 +20,7 @@ from jaxnc.calls import promoting
 from jaxnc.compiling import on_device, refuse_fork
 from jaxnc.errors import InputError, JaxncError
 from jaxnc.internals import outermost
-from jaxnc.types import Array, Numbers
+from jaxnc.types import Array, Numbers, PyTree
 
 
 class Limits(NamedTuple):
@@ -36,6 +37,7 @@ class Limits(NamedTuple):
     smallest: float  # of the way between two input values: a smaller step means that the branch ends here
     touch: float  # of the way: a branch that ends so close to an input value touches it (a limit of travel)
     crossing: float  # of the size: so short a step may change an orientation sign
+    isolated: float  # reciprocal condition number below which rounding splits solutions that are one, or not isolated
     told: float  # radians: where neighbouring numbers are farther apart, turns are not told
     whole: float  # of the way: what is left of it when it is done
     # On the diagonal of redundant rows of a motion: rounding of a pivot that ought to be zero is less.
@@ -63,6 +65,7 @@ _BOTH = {
     "smallest": (1e-7, 1e-4),
     "touch": (1e-5, 3e-3),
     "crossing": (1e-6, 1e-4),
+    "isolated": (1e-12, 1e-6),
     "told": (1e-7, 1e-3),
     "whole": (1e-9, 1e-6),
     "redundant": (1e-9, 1e-4),
@@ -79,9 +82,13 @@ WIDE, NARROW = np.dtype(np.float64), np.dtype(np.float32)
 _AS_IT_IS = contextlib.nullcontext()
 
 
-def limits(like: Numbers) -> Limits:
-    """Limits of what counts as nothing among numbers like those of an array."""
-    return _SINGLE if like.dtype == NARROW else _DOUBLE
+def limits(like: Numbers, rounded: bool = False) -> Limits:
+    """Limits of what counts as nothing among numbers like those of an array.
+
+    A design that was `rounded` is judged by the limits of 32 bits, whatever numbers it is calculated with: by so much
+    its redundant rows contradict each other.
+    """
+    return _SINGLE if rounded or like.dtype == NARROW else _DOUBLE
 
 
 def more_digits(like: Numbers) -> str:
@@ -165,14 +172,25 @@ def converted(leaf: Array, wanted: np.dtype) -> Array:
     return on_device(np.asarray(leaf).astype(wanted))
 
 
+def to_width(tree: PyTree, wanted: np.dtype) -> PyTree:
+    """Convert the numbers of a tree; the designs in it remember whether they were rounded."""
+
+    def is_design(node: object) -> bool:
+        return hasattr(node, "rounded")
+
+    def convert(node: PyTree) -> PyTree:
+        other = NARROW if wanted == WIDE else WIDE
+        found = jax.tree.map(lambda x: converted(x, wanted) if getattr(x, "dtype", None) == other else x, node)
+        return dataclasses.replace(found, rounded=wanted == WIDE) if is_design(node) else found
+
+    return jax.tree.map(convert, tree, is_leaf=is_design)
+
+
 def widened(f: Callable) -> Callable:
     """An analysis on the host: calculated with 64-bit numbers, whatever those of its first argument are."""
 
     def narrow(leaf: Numbers) -> bool:
         return getattr(leaf, "dtype", None) == NARROW
-
-    def wide(leaf: Array) -> Array:
-        return converted(leaf, WIDE) if narrow(leaf) else leaf
 
     first = inspect.unwrap(f).__code__.co_varnames[0]
 
@@ -182,9 +200,9 @@ def widened(f: Callable) -> Callable:
             # What is wide stays itself: what was found out about it is remembered by its identity.
             if any(map(narrow, jax.tree.leaves(arguments[:1] or options.get(first)))):
                 if arguments:
-                    arguments = (jax.tree.map(wide, arguments[0]), *arguments[1:])
+                    arguments = (to_width(arguments[0], WIDE), *arguments[1:])
                 else:
-                    options[first] = jax.tree.map(wide, options[first])
+                    options[first] = to_width(options[first], WIDE)
             return f(*arguments, **options)
 
     return on_host(inner)

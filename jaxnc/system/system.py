@@ -17,7 +17,7 @@ from jaxnc.errors import InputError, JaxncError, counted, list_first, nearest
 from jaxnc.notebooks import Drawn
 from jaxnc.records import record, static
 from jaxnc.system.identity import Quantity
-from jaxnc.system.precision import NARROW, chosen, converted, numbers
+from jaxnc.system.precision import NARROW, chosen, numbers, to_width
 from jaxnc.system.topology import Topology
 from jaxnc.types import Array, ArrayLike, Float, Numbers, PyTree
 
@@ -35,6 +35,7 @@ class Parameters:
         own: the parameters of the user's own forces, a pytree of float arrays for each.
         near: of samples of another design its angles as drawn, ``(scalars,)``: their own are measured in the turn that
             is nearest to these, so that what counts turns does not jump where an angle is drawn at half a turn.
+        rounded: whether 64-bit numbers were 32-bit ones before: redundant rows contradict each other by that rounding.
     """
 
     points: Float[Array, "points dim"]
@@ -44,6 +45,7 @@ class Parameters:
     physical: Float[Array, " physical"] = dataclasses.field(default_factory=lambda: jnp.zeros(0))
     own: tuple[Any, ...] = ()
     near: Float[Array, " scalars"] | None = None
+    rounded: bool = static(default=False)
 
     def in_numpy(self) -> "Parameters":
         """Make NumPy arrays of the numbers; those of a user's own forces stay as they are."""
@@ -255,7 +257,7 @@ class System(Drawn):
                 f"{self.name!r} is kept sparse, and large systems need 64-bit numbers: leave dtype= out, or make its "
                 f"matrices dense by compile(sparse=False)"
             )
-        return jax.tree.map(lambda x: converted(x, wanted), self)
+        return to_width(self, wanted)
 
     def __reduce__(self):
         width = str(getattr(self.parameters.points, "dtype", ""))

@@ -212,7 +212,8 @@ class PlaneOverlay(Overlay):
         for name in names:
             if name not in bodies:
                 raise InputError(f"show: {self.data.topology.name!r} has no body {name!r}; {nearest(name, bodies)}")
-        found = {pair: self.pick(x) for pair, x in instant_centres(self.motion).items()}
+        every = instant_centres(self.motion)
+        found = {(a, b): self.pick(every[a, b]) for b, a in itertools.combinations(bodies, 2)}
         found = {pair: x for pair, x in found.items() if x.moving}
         moving = [b for b in bodies if b == GROUND or (b, GROUND) in found]
         number = {name: k + 1 for k, name in enumerate(moving)}

@@ -92,8 +92,14 @@ def test_a_motion_without_inertia_is_named():
     m = rod(mass=1.0)
     m.point("Q", (2, 0.5))
     m.body("loose", ["P", "Q"])
-    with pytest.raises(nc.InputError, match=r"inertia.*Q\.[xy].*'loose'.*mass"):
-        nc.simulate(m.compile(), np.linspace(0, 1, 3))
+    system = m.compile()
+    for ask in (
+        lambda: nc.simulate(system, np.linspace(0, 1, 3)),
+        lambda: nc.linearise(system),
+        lambda: nc.linearise(system, coordinates=["P.y", "Q.x"]),
+    ):
+        with pytest.raises(nc.InputError, match=r"no inertia.*Q\.[xy].*'loose'.*mass"):
+            ask()
 
 
 def test_inconsistent_velocities_are_corrected_and_said():

@@ -75,6 +75,16 @@ def test_a_free_motion_against_its_closed_form():
     assert jump[-1] == pytest.approx(-0.5 * MASS * 0.21 * speed[-1] ** 2, rel=0.1)
 
 
+def test_an_error_is_a_part_of_the_energy_that_is_there():
+    """A balanced rotor goes on turning, and exchanges nothing: what is left over is no part of that."""
+    m = nc.Mechanism("rotor")
+    m.ground("O", (0, 0)), m.point("P", (1, 0)), m.angle("phi", at="O", to="P")
+    m.body("wheel", ["O", "P"], mass=1.0, com=(0, 0), inertia=0.5)
+    found = nc.simulate(m.compile(), np.linspace(0, 1, 11), rates={"phi": 3.0}).balance
+    assert found.largest < 1e-9 and found.relative == pytest.approx(found.largest / (0.5 * 0.5 * 3.0**2))
+    assert found.sentence.endswith("of the 2.25 J of kinetic energy")
+
+
 def test_a_driven_motion_against_its_closed_form():
     """P.x = t² + t: the input pays for the mass, the damper and the friction, and the force helps."""
     t = np.linspace(0, 1, 21)

@@ -54,6 +54,7 @@ def test_chaplygins_sleigh():
     assert float(run.drift) <= ROLLED
     slip = d[:, 0] * run.velocity("P")[:, 1] - d[:, 1] * run.velocity("P")[:, 0]
     assert np.abs(slip).max() <= 1e-14
+    assert not run.balance.inputs.any()  # the blade drives nothing
 
 
 def test_the_blade_holds_what_the_centre_of_mass_takes():

@@ -55,8 +55,13 @@ def trammel(angles):
 
 
 def test_centres_of_three_bodies_lie_on_one_line(four_bar):
-    found = {frozenset(pair): np.asarray(c.centre) for pair, c in instant_centres(four_bar).items()}
-    assert len(found) == 6
+    every = instant_centres(four_bar)
+    for a, b in every:  # turns against the other way round, about the same place
+        np.testing.assert_allclose(every[a, b].centre, every[b, a].centre, atol=EXACT)
+        np.testing.assert_allclose(every[a, b].rate, -every[b, a].rate, atol=EXACT)
+    np.testing.assert_allclose(nc.instant_centre(four_bar, "ground", "crank"), four_bar["A"], atol=EXACT)
+    found = {frozenset(pair): np.asarray(c.centre) for pair, c in every.items()}
+    assert len(every) == 12 and len(found) == 6
     for three in itertools.combinations(("ground", "crank", "coupler", "rocker"), 3):
         a, b, c = (found[frozenset(pair)] for pair in itertools.combinations(three, 2))
         far = 1.0 + np.linalg.norm(b - a, axis=-1) * np.linalg.norm(c - a, axis=-1)

@@ -1,5 +1,6 @@
 """Systems with 32-bit numbers against the same with 64-bit ones."""
 
+import dataclasses
 import subprocess
 import sys
 import textwrap
@@ -137,6 +138,31 @@ def test_reports_are_made_with_64_bits(rocking):
     assert str(nc.travel(narrow, "phi")) == str(same)
     assert nc.mobility(narrow).rank == nc.mobility(rocking).rank
     assert active() == WIDE
+
+
+@pytest.mark.parametrize("make", [nc.library.bennett, nc.library.parallelogram])
+def test_redundant_rows_may_contradict_each_other_by_rounding(make):
+    """Both linkages have fewer freedoms by their count, and turn fully: Bennett, Engineering 76 (1903); Norton."""
+    narrow, turn = make().compile(dtype="float32"), np.linspace(1.0, 7.2, 40)
+    assert nc.travel(narrow, "phi").turns
+    assert nc.diagnose(narrow, {"phi": 4.1}).reachable
+    for motion in (nc.circuit(narrow, "phi", poses=50), nc.sweep(narrow.astype("float64"), {"phi": turn})):
+        assert not motion.failures
+        if make is nc.library.parallelogram:
+            phi = np.asarray(motion["phi"])
+            corner = np.stack([0.3 + 0.1 * np.cos(phi), 0.1 * np.sin(phi)], axis=1)
+            np.testing.assert_allclose(motion["C"], corner, atol=0.3 * DIGITS)
+
+
+def test_rounding_splits_no_solution_that_is_not_isolated():
+    """Where the rhombus of an inversor folds, one of its corners turns freely: four of eight ends are no assemblies."""
+    narrow = nc.library.peaucellier_lipkin().compile(dtype="float32")
+    found = nc.modes(narrow, {"phi": 0.7})
+    assert (len(found), found.singular) == (4, 4) and all(c.exact for c in found.certificates)
+    doubtful = [dataclasses.replace(c, exact=False) for c in found.certificates]
+    lines = str(dataclasses.replace(found, certificates=tuple(doubtful))).splitlines()
+    assert lines[-1].startswith("  3: not certified, conditioning")
+    assert len(nc.circuits(narrow, {"phi": np.linspace(0.5, 1.0, 4)})) == 4
 
 
 def test_static_indices_serve_both_widths(four_bar):

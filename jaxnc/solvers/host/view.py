@@ -239,7 +239,9 @@ class HostView:
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
         """Return the largest residual of a pose that counts as a solution, ``(lanes,)``."""
-        return self.least.accept * self.eq.length + self.least.rounding * largest_of_lanes(self.weights * q)
+        # With fewer rows none is redundant, and none contradicts the others.
+        least = limits(self.eq.home, self.eq.rounded and self.shape[0] >= self.shape[1])
+        return least.accept * self.eq.length + least.rounding * largest_of_lanes(self.weights * q)
 
     def upright(self, q: np.ndarray) -> np.ndarray:
         """Say whether nothing is met by a mirror image, ``(lanes,)``."""
