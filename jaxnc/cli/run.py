@@ -20,7 +20,7 @@ import numpy as np
 import jaxnc as nc
 from jaxnc.cli.output import Analysis, Task, list_files, report_lines, write_files
 from jaxnc.cli.question import Question, collect_named, read_number, read_pair
-from jaxnc.dynamics.simulate import check_steps, simulate
+from jaxnc.dynamics.simulate import ADAPTIVE, check_steps, simulate
 from jaxnc.dynamics.simulation import Simulation, join
 from jaxnc.errors import AssemblyError, InputError, counted
 from jaxnc.io.drives import SweepArguments, check_drive, check_driven, check_poses_asked, sweep_arguments
@@ -247,11 +247,12 @@ def _append_run(earlier: Motion, run: Motion) -> Motion:
 def _simulation_section(mechanism: Mechanism, options: argparse.Namespace) -> record.Simulation:
     """The section [simulate] of a mechanism, changed as the options say."""
     section = mechanism.model.simulate
-    if options.method not in (None, section.method):  # the steps that the file says are those of its own method
-        section = msgspec.structs.replace(section, step=None, rtol=None)
+    if options.method is not None:  # the file's steps are its own method's, or those of one of the same sort
+        section = msgspec.structs.replace(section, **{"step" if options.method in ADAPTIVE else "rtol": None})
     changed = {k: v for k in ("duration", "times", "method", "step", "rtol") if (v := getattr(options, k)) is not None}
     section = msgspec.structs.replace(section, **changed)
     check_steps(section.method, {"--step": options.step}, {"--rtol": options.rtol})
+    check_steps(section.method, {"[simulate] step": section.step}, {"[simulate] rtol": section.rtol})
     rates = dict(section.rates)
     given = [read_pair(text, "--rate", "NAME=RATE, for instance phi=10 or phi=90deg") for text in options.rate]
     for name, value in collect_named("--rate", given).items():

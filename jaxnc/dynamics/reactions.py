@@ -489,7 +489,8 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
     }
     # So is a pull between two fixed points of a body: no row is written for their distance.
     still = {p for p in range(len(top.points)) if all(top.fixed[p * top.dim : (p + 1) * top.dim])}
-    strained = {p for body in top.bodies if len(ends := still.intersection(body.points)) > 1 for p in ends}
+    pulled = [ends if len(ends := still.intersection(body.points)) > 1 else set() for body in top.bodies]
+    strained = set().union(*pulled)
     for b, body in enumerate(top.bodies):
         for p in body.points:
             passing = ledger.through(b, p)
@@ -498,7 +499,7 @@ def _stress_reaches(dyn: Dynamics, view: Plan, q: Array, stress: np.ndarray) -> 
             force, moment = ledger.wrenches[b][passing[0]]
             moment = moment - cross(ledger.points[:, p], force)
             wrench = np.concatenate([force, moment.reshape(count, -1)], axis=1)
-            loose = passing[0] in shaken or p in strained
+            loose = passing[0] in shaken or p in pulled[b]
             out.append((None, f"{top.points[p]} on {body.name}", wrench[:-1] - wrench[-1], loose))
     for j, joint in enumerate(top.joints):
         at = joint_rows(top, j)

@@ -55,7 +55,7 @@ from jaxnc.solvers.kernel import kernel, writes_out
 from jaxnc.solvers.plan import Plan, plan
 from jaxnc.solvers.rows import Rows
 from jaxnc.status import Status
-from jaxnc.system.precision import widened
+from jaxnc.system.precision import limits, widened
 from jaxnc.system.structure import is_own
 from jaxnc.system.system import System
 from jaxnc.types import Inputs, Numbers
@@ -314,7 +314,9 @@ def _follow_all(family: Family, reduction: Reduction, begin: Placed, end: Placed
         balls = certify(t, w)
         # Unknowns are of size one: an end far beyond is at infinity.
         there = (np.abs(w).max(axis=0) > 1e4) & ~balls.proved
-        unclear = ~there & (balls.condition <= isolated)
+        # A proof is one of the design as it was rounded: without the rounding two solutions may be one.
+        rounded = isolated > limits(t).isolated
+        unclear = ~there & (balls.condition <= isolated) & (~balls.proved | rounded)
         far, singular = far + int(there.sum()), singular + int(unclear.sum())
         found.append(w[:, ~there & ~unclear])
         every = np.concatenate(found, axis=1)
@@ -576,8 +578,8 @@ def _solve_map(
 
 def _count_nonzero(system: System) -> int:
     """Count the constants of a design that are not zero; -1 of a design that is not finite."""
-    eq = to_host(derive(system))
-    if not all(np.isfinite(x).all() for x in (eq.home, *eq.constants)):
+    eq, drawn = to_host(derive(system)), system.parameters
+    if not all(np.isfinite(x).all() for x in (eq.home, *eq.constants, drawn.markers, drawn.dimensions)):
         return -1
     return sum(int((np.abs(c) > ZERO).sum()) for c in eq.constants)
 

@@ -282,20 +282,25 @@ class UrdfFile:
     # -- the rest -----------------------------------------------------------------------------------------------
 
     def _mimics(self) -> None:
-        joints = self.description.joints
-        mimics = {name: m for name, joint in self.joints.items() if (m := joint.find("mimic")) is not None}
-        for name, mimic in mimics.items():
-            what, other = f"mimic of joint {name!r}", mimic.get("joint") or ""
+        joints, given = self.description.joints, {}
+        for name, joint in self.joints.items():
+            if (mimic := joint.find("mimic")) is not None:
+                factor, offset = (
+                    self._number(mimic, key, usual, f"mimic of joint {name!r}")
+                    for key, usual in (("multiplier", 1), ("offset", 0))
+                )
+                given[name] = mimic.get("joint") or "", factor, offset
+        leader = {name: other for name, (other, factor, _) in given.items() if factor}
+        for name, (other, factor, offset) in given.items():
+            what, leaders = f"mimic of joint {name!r}", [other]
             for n in (name, other):
                 if n not in joints or joints[n].kind not in ("hinge", "slide"):
                     raise self.fault(f"{what}: {n!r} is no hinge or slide; {nearest(n, joints)}")
-            leaders = [other]
-            while leaders[-1] in mimics and name not in leaders and len(leaders) < len(mimics):
-                leaders.append(mimics[leaders[-1]].get("joint") or "")
-            if name in leaders:
+            while leaders[-1] in leader and name not in leaders and len(leaders) < len(leader):
+                leaders.append(leader[leaders[-1]])
+            if name in leader and name in leaders:
                 by = f", by {', '.join(map(repr, leaders[:-1]))}" if leaders[1:] else ""
                 raise self.fault(f"{what}: it follows itself{by}; name another joint")
-            factor, offset = self._number(mimic, "multiplier", 1, what), self._number(mimic, "offset", 0, what)
             second = other if factor else None
             self.description.followers.append(Follower(f"mimic {name}", name, second, (offset, factor)))
             if offset:

@@ -43,8 +43,9 @@ def animate(
         motion: a sequence of poses.
         path: file ending in ``.gif``.
         frames: how many, evenly spread over the poses, or which poses. Default: every pose, but at most 120; of a
-            motion in time at most 240, each shown at its time (one that would be over in less than a second is slowed
-            down by a power of ten). The last pose of a motion that closes is left out, since it is the first again.
+            motion in time at most 240, each shown at its time (slower or faster by a power of ten, where the film
+            would last less than a second or more than a minute). The last pose of a motion that closes is left out,
+            since it is the first again.
         fps: frames per second; a GIF shows at most 50.
         trace: points and markers that leave a trace.
         velocities: points and markers whose velocity is drawn as an arrow; the motion must carry rates.
@@ -81,9 +82,9 @@ def animate(
 
 def _choose_frames(data: Poses, frames: int | Sequence[int] | None, fps: float) -> tuple[list[int], float]:
     """Choose poses, and the seconds from one to the next."""
-    if frames is None and data.motion.time is not None:
-        time = np.asarray(data.motion.time, float)
-        lasts = float(time[-1] - time[0]) / data.pace
+    time = np.zeros(1) if data.motion.time is None else np.asarray(data.motion.time, float)
+    if frames is None and time[0] != time[-1]:
+        lasts = abs(float(time[-1] - time[0])) / data.pace
         count = int(np.clip(int(fps * lasts + 1e-6) + (not data.closed), 2, 240))
         wanted = np.linspace(time[0], time[-1], count, endpoint=not data.closed)
         return np.abs(time[:, None] - wanted).argmin(axis=0).tolist(), lasts / (count - (not data.closed))

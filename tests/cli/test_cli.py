@@ -615,6 +615,27 @@ def test_what_is_meant_is_asked(capsys, words, parts):
     assert told.count("\n") == 1 and all(part in told for part in parts), told
 
 
+@pytest.mark.parametrize(
+    ("said", "options", "fixed"),
+    [
+        ('method = "rk4"\nstep = 0.002', (), True),
+        ("step = 0.002", ("--method", "rk4"), True),
+        ('method = "generalised alpha"\nstep = 0.002', ("--method", "rk4"), True),
+        ('method = "rk4"\nstep = 0.002', ("--method", "dopri8"), False),
+    ],
+)
+def test_the_steps_of_a_file_are_those_of_each_method_of_their_sort(capsys, tmp_path, said, options, fixed):
+    model = tmp_path / "m.toml"
+    model.write_text(re.sub(r"\[simulate\]", f"[simulate]\n{said}", Path(SWINGING).read_text()))
+    short = ["--duration", "0.02", "--times", "3"]
+    assert main(["simulate", str(model), *short, *options]) == 0
+    taken = int(re.search(r"steps +(\d+)", capsys.readouterr().out)[1])
+    assert (taken == 10) is fixed
+    model.write_text(re.sub(r"\[simulate\]", "[simulate]\nstep = 0.002", Path(SWINGING).read_text()))
+    assert main(["simulate", str(model), *short]) == 2
+    assert "[simulate] step is for steps of fixed length" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["run", "report"])
 def test_names_of_expectations_are_read_before_the_mechanism_is_moved(capsys, monkeypatch, tmp_path, command):
     from jaxnc.reporting import outcome

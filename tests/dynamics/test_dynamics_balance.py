@@ -99,11 +99,12 @@ def test_two_pivots_of_a_body_share_what_pulls_along_their_line(dim):
     """Any two forces along a beam that add up to its load balance it; what hangs from it does not feel them."""
     m, none = nc.Mechanism("beam", dim=dim), (0.0,) * (dim - 2)
     m.ground("A", (0, 0, *none)), m.ground("B", (2, 0, *none))
-    m.point("P", (0.5, 0, *none)), m.point("W", (0.5, -1, *none))
-    m.body("beam", ["A", "B", "P"]), m.body("rope", ["P", "W"])
+    m.point("P", (0.5, 0, *none)), m.point("W", (0.5, -1, *none)), m.point("R", (0, -1, *none))
+    m.body("beam", ["A", "B", "P"]), m.body("rope", ["P", "W"]), m.body("other rope", ["A", "R"])
     m.force("pull", "P", (10.0, 0.0, *none)), m.force("weight", "W", (0.0, -4.0, *none))
+    m.force("other weight", "R", (0.0, -1.0, *none))
     sure = nc.equilibrium(m.compile()).reactions.unique()
-    assert {name for name, unique in sure.items() if unique} == {"P on beam", "P on rope"}
+    assert {name for name, unique in sure.items() if unique} == {"P on beam", "P on rope", "A on other rope"}
     assert {name for name, unique in sure.items() if not unique} == {"A on beam", "A", "B on beam", "B"}
 
 

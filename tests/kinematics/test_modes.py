@@ -507,6 +507,10 @@ def test_stacks_of_designs_have_each_what_it_has_alone():
     assert found.poses.status[::5][:2].all() and not found.complete and len({*found.count.tolist()}) > 2
     with pytest.raises(nc.InputError, match="of 2 designs none is finite"):
         nc.modes(jax.tree.map(lambda leaf: leaf[:6:5], several), {"phi": 2.72})
+    four_bar = nc.library.four_bar().compile()
+    lengths = jnp.asarray([float(four_bar["rocker.C-D"]), jnp.nan])
+    found_of_lengths = nc.modes(jax.vmap(lambda c: four_bar.replace({"rocker.C-D": c}))(lengths), {"phi": 1.0})
+    assert found_of_lengths.doubtful.tolist() == [False, True] and found_of_lengths.count.tolist() == [2, 0]
     for k in (1, 4, 11):
         one = nc.modes(system.replace({"C": places[k]}), {"phi": 2.72})
         assert len(one) == found.count[k]

@@ -199,6 +199,13 @@ def test_a_mimic_of_none_or_a_held_joint_stands_at_its_offset(folder):
     robot = nc.from_urdf(folder / "still.urdf")
     assert robot.joints == ("j1", "j2", "j3") and robot.actuated == ("j1", "j3")
     assert np.abs(np.asarray(robot.positions([0.2, 0.1])) - [0.2, 0.3, 0.1]).max() < 1e-12
+    led = (folder / "still.urdf").read_text()  # by a joint that follows nobody: no ring
+    (folder / "led.urdf").write_text(
+        led.replace('<child link="three"/>', '<child link="three"/><mimic joint="j2"/>').replace(
+            'joint="j1" multiplier="0"', 'joint="j3" multiplier="0"'
+        )
+    )
+    assert np.abs(np.asarray(nc.from_urdf(folder / "led.urdf").positions([0.2])) - [0.2, 0.3, 0.3]).max() < 1e-12
     (folder / "still.urdf").write_text((folder / "still.urdf").read_text().replace('multiplier="0"', 'multiplier="2"'))
     for hold, wanted in {"one": [0.0, 0.3, 0.1], "two": [-0.15, 0.0, 0.1]}.items():
         held = nc.from_urdf(folder / "still.urdf", hold=[hold])

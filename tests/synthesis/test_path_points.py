@@ -78,6 +78,16 @@ def test_couplers_that_translate_and_points_that_are_met_twice(way, linkages, co
         assert len(same) == count and len(set(same)) == 1
 
 
+def test_a_linkage_has_one_number_from_whichever_of_its_poses_it_is_seen():
+    way = 1j + np.array([0.5, 0.0, 1.0, 0.25, 0.75])
+    found = syn.path_four_bars(np.column_stack([way.real, way.imag]), A=(0, 0), D=(1, 0))
+    z = np.array([design.linkage.z[:4] for design in found]).T
+    shapes = np.array([*np.abs(np.diff(z, axis=0)), *np.abs(way[0] - z[1:3]), ((way[0] - z[1]) / (z[2] - z[1])).real])
+    kinds = {*map(tuple, np.round(shapes.T, 6).tolist())}
+    assert len({*zip(map(tuple, np.round(shapes.T, 6).tolist()), found.curves, strict=True)}) == len(kinds)
+    assert len({*found.curves}) == len(kinds) == len(found) - 2
+
+
 def test_five_points_of_morgan_and_wampler():
     """PHCpack's guide counts 33 finite solutions of this problem, where 36 are usual, and 15 real ones."""
     found = syn.path_four_bars(LINE, A=(0, 0), D=(1, 0))

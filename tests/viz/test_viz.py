@@ -515,7 +515,8 @@ def test_a_film_of_a_motion_in_time_is_in_real_time(turning, tmp_path, lasts, fp
     """Or slower by a power of ten: by the pauses that a reader of GIF finds."""
     wanted = lasts * (10.0 if lasts < 1.0 else 1.0)
     for motion, last in ((turning, 0.0), (turning.pose(slice(13)), max(1.0 / min(fps, 50), wanted / 239))):
-        timed = dataclasses.replace(motion, time=np.linspace(0.0, lasts, len(motion.status)))
+        times = np.linspace(0.0, lasts, len(motion.status))  # backwards where all poses are there
+        timed = dataclasses.replace(motion, time=times if last else times[::-1])
         with Image.open(viz.animate(timed, tmp_path / "a.gif", fps=fps, size=(1, 1), dpi=20, labels=False)) as image:
             pauses = [f.info["duration"] for f in ImageSequence.Iterator(image)]
         assert 1e-3 * sum(pauses) == pytest.approx(wanted + last, abs=0.012) and min(pauses) >= 20
