@@ -187,4 +187,4 @@ def test_forces_and_energies_are_plotted_by_name(tmp_path):
     film = run.animate(tmp_path / "a.gif", size=(2.0, 1.5), dpi=40)
     with Image.open(film) as image:
         shown = [frame.info["duration"] for frame in ImageSequence.Iterator(image)]
-    assert sum(shown) == 1000  # one second, whatever frames are alike
+    assert sum(shown) == 1040  # one second and its last frame's, whatever frames are alike
