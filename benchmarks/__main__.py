@@ -58,6 +58,7 @@ def main() -> int:
     jax.config.update("jax_enable_x64", True)
     from benchmarks import table
     from benchmarks.cases import CASES
+    from benchmarks.cases.classes import every_class
     from benchmarks.record import Record
     from benchmarks.suite import Suite
 
@@ -74,6 +75,11 @@ def main() -> int:
     for name in names:
         if name not in CASES:
             print(f"no case {name!r}; there are: {', '.join(CASES)}", file=sys.stderr)
+            return 2
+    classes = [one.name for one in every_class()] if options.only else []
+    for name in options.only or ():
+        if name not in classes:
+            print(f"no class {name!r}; there are: {', '.join(classes)}", file=sys.stderr)
             return 2
     record = Record(machine.describe(), options.quick)
     suite = Suite(record, options.quick, not options.no_peers, tuple(options.only or ()))
