@@ -323,7 +323,7 @@ def path_four_bars(points: ArrayLike, A: Coordinates | None = None, D: Coordinat
     z = size * (real[_OTHER] if exchanged else real[:8])
     designs, curves, residual = _linkages(places, order, z, turned, size)
     proved = tuple(bool(exact[curve]) for curve in curves)
-    known = keys(real)[:4] if len(places) == 9 else _shapes(real)
+    known = keys(real)[:4] if len(places) == 9 else _measure_linkages(real)
     curves = tuple(np.unique(_match_solutions(known, known).argmax(axis=1), return_inverse=True)[1][[*curves]].tolist())
     return PathDesigns(designs, expected, ends.shape[1], routes, missing, proved, disjoint, curves, residual)
 
@@ -504,8 +504,8 @@ def solution_keys(w: np.ndarray, task: Task) -> np.ndarray:
     return np.concatenate([np.stack(curve), turns])
 
 
-def _shapes(w: np.ndarray) -> np.ndarray:
-    """Numbers of linkages that are the same in each pose with the coupler's point at the reference."""
+def _measure_linkages(w: np.ndarray) -> np.ndarray:
+    """Measure what of linkages is the same in each pose with the point of the coupler at the reference."""
     x, y, _, _, a, b, _, _ = w[:8]
     apart = x * np.conj(y) / np.maximum(np.abs(x), np.abs(y))
     return np.stack([a, b, np.abs(x), np.abs(y), apart, np.abs(x + a), np.abs(y + b)])
