@@ -239,7 +239,7 @@ class HostView:
 
     def tolerance(self, q: np.ndarray) -> np.ndarray:
         """Return the largest residual of a pose that counts as a solution, ``(lanes,)``."""
-        # With fewer rows none is redundant, and none contradicts the others.
+        # Assemblies, of fewer rows than unknowns, are taken as far as 64 bits go.
         least = limits(self.eq.home, self.eq.rounded and self.shape[0] >= self.shape[1])
         return least.accept * self.eq.length + least.rounding * largest_of_lanes(self.weights * q)
 
